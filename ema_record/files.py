@@ -148,6 +148,8 @@ def read_bounded(path: Path, limit: int) -> bytes:
     def without_waiting(name: str, flags: int) -> int:
         return os.open(name, flags | os.O_NONBLOCK)
 
+    if "\0" in str(path):  # of a name in a file; Python raises ValueError
+        raise OSError(errno.EINVAL, "a zero byte in the name")
     with open(path, "rb", opener=without_waiting) as file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise OSError(errno.EINVAL, "not a regular file")

@@ -11,8 +11,9 @@ import yaml
 from ema_record.errors import UsageError
 from ema_record.files import read_bounded
 
-MAX_BYTES, MAX_DEPTH = 1 << 20, 50
-"""Largest file; deepest nesting of lists and mappings."""
+MAX_BYTES, MAX_DEPTH, MAX_DIGITS = 1 << 20, 50, 100
+"""Largest file; deepest nesting of lists and mappings; most characters of a whole number, which
+then is a float too, and can be said in an error."""
 
 _Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -26,6 +27,8 @@ _OurSafeLoader.add_implicit_resolver(
     list("-+.0123456789"))
 _OTHER_BASE = re.compile(r"[-+]?(0[0-7_]+|[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)\Z")
 """What YAML 1.1 takes for a number of base 8 or 60, and YAML 1.2 and people do not."""
+
+_WHOLE = re.compile(r"[-+]?(0x[0-9a-fA-F_]+|0b[01_]+|[0-9_]+)\Z")
 
 
 def load_yaml(path: Path) -> object:
@@ -55,7 +58,7 @@ def _check_structure(text: str) -> None:
     """Refuse what is not meant or not safe, before anything is built.
 
     That is aliases (exponential expansion), tags (constructors that fail in their own ways), deep
-    nesting, a key that its mapping has already, a number that is not decimal.
+    nesting, a key that its mapping has already, a number that is not decimal or beyond all.
     """
     keys: list[set[str] | None] = []  # of the collections that are open; None: a list
     at_key: list[bool] = []
@@ -69,6 +72,10 @@ def _check_structure(text: str) -> None:
                 and _OTHER_BASE.match(event.value)):
             raise _refused(f"{event.value[:60]!r} could be a number of base 8 or 60: write a "
                            "decimal one, or a text in quotes", event)
+        if (isinstance(event, yaml.ScalarEvent) and event.implicit[0]
+                and len(event.value) > MAX_DIGITS and _WHOLE.match(event.value)):
+            raise _refused(f"a number of {len(event.value)} characters, at most {MAX_DIGITS}: "
+                           "write a smaller one, or a text in quotes", event)
         if isinstance(event, yaml.CollectionEndEvent):
             keys.pop()
             at_key.pop()

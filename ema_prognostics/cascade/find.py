@@ -22,6 +22,7 @@ from ema_prognostics.cascade.inputs import Inputs
 from ema_prognostics.cascade.model_body import MemberPart, SeverityPart, ViewPart
 from ema_prognostics.features.vector import rotate
 from ema_prognostics.networks.network import logit, logsig
+from ema_record.errors import ModelError
 
 MAX_FAULTS = 2
 LEAST_SEVERITY = 1e-9
@@ -164,6 +165,7 @@ class Cascade:
         self._strangers = (
             None if view.strangers is None else StrangerFilters(view.strangers))
 
+    @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # which the end asks for
     def find(self, x: np.ndarray, *, exact: bool = True) -> list[Detection]:
         """Return what the cascade says of each row of features `x`, shape (n, d).
 
@@ -194,6 +196,10 @@ class Cascade:
         if self._strangers is not None and exact:
             strange = self._strangers(self.guard.bounded(turned), kind)
             known = np.minimum(known, probability_known(strange.rate))
+        said_all = (margin, p, guard, known, strange.score, *severity.values())
+        if not np.isfinite(u).all() or any(np.isnan(part).any() for part in said_all):
+            raise ModelError("the networks give no number for a record, expected finite ones: the "
+                             "model was changed or its scales are too small, train again")
         found = []
         for row, outputs in enumerate(outputs_of):
             company = int(len(outputs) > 1)

@@ -23,6 +23,9 @@ FORM = 1
 """Of the tables; others are left alone, under another name."""
 TICK = 2_000_000_000
 """Coarsest clock of a file system (ns): what was written within it may be written again unseen."""
+NEEDED = {"record_sha256", "bag", "verdict", "faults", "reasons", "probabilities", "kit",
+          "serial_number", "start_time", "profile"}
+"""Keys of what is kept: an object without them was not written here."""
 WAIT = 10.0
 """For another process that writes (s)."""
 _TABLES = """
@@ -48,7 +51,7 @@ class VerdictStore:
         self._hashed: list[tuple[str, ...]] = []  # not yet written
         self._base = self._open(folder / f"v{FORM}_{FILE}")
         self._states = dict(self._rows("SELECT path, state || char(10) || sha256 FROM bags"))
-        self._verdicts: dict[str, str] = dict(self._rows(
+        self._verdicts = dict(self._rows(
             "SELECT sha256, object FROM verdicts WHERE judge = ?", judge))
 
     def __enter__(self) -> VerdictStore:
@@ -73,7 +76,8 @@ class VerdictStore:
 
     def _rows(self, query: str, *values: str) -> list[tuple[str, str]]:
         try:
-            return self._base.execute(query, values).fetchall()
+            return [row for row in self._base.execute(query, values)
+                    if all(isinstance(text, str) for text in row)]
         except sqlite3.Error:
             return []
 
@@ -99,9 +103,10 @@ class VerdictStore:
         text = self._verdicts.get(sha256 or "")
         try:
             found = None if text is None else json.loads(text)
-        except ValueError:
+        except (ValueError, RecursionError):
             return None
-        return found if isinstance(found, dict) else None
+        whole = isinstance(found, dict) and found.keys() >= NEEDED
+        return found if whole and found["record_sha256"] == sha256 else None
 
     def put(self, said: Iterable[tuple[str, dict[str, Any]]]) -> None:
         """Keep what was said of bags of these contents, and the hashes that were taken."""

@@ -251,7 +251,7 @@ def _check(name: str, setting: Distribution | Value, actuator: Actuator) -> None
 def _number(name: str, value: Value) -> float:
     try:
         number = float(value)
-    except ValueError:
+    except (ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
         raise UsageError(f"parameter {name}: {str(value)[:60]!r} is not a number")

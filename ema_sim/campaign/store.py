@@ -24,6 +24,8 @@ FORMAT = 1
 MAX_MANIFEST = 1 << 20
 PARAMETERS, RESULTS = "parameters.", "results."
 """Prefixes of the columns that were drawn and that were found."""
+ALWAYS = {"run", "seed", "failed", "profile"}
+"""Columns of every chunk."""
 
 Columns = dict[str, np.ndarray]
 
@@ -91,22 +93,25 @@ class CampaignFolder:
 
     def done(self) -> set[int]:
         """Return the numbers of the chunks that are there."""
-        return {int(p.stem) for p in (self.path / CHUNKS).glob("*.npz") if p.stem.isdigit()}
+        return {int(p.stem) for p in (self.path / CHUNKS).glob("*.npz") if p.stem.isdecimal()}
 
     def save(self, chunk: int, columns: Columns) -> None:
         """Write one chunk: whole or not at all."""
         write_arrays(self._chunk(chunk), columns)
 
     def load(self, chunk: int) -> Columns:
-        """Return the columns of one chunk, which holds the runs of its number."""
+        """Return the columns of one chunk, which holds all runs of its number."""
         path = self._chunk(chunk)
         try:
-            found = read_arrays(path)
-            first = chunk * read_manifest(self.path)["runs_a_chunk"]
-            if not np.array_equal(found["run"], first + np.arange(len(found["run"]))):
+            found, manifest = read_arrays(path), read_manifest(self.path)
+            first = chunk * manifest["runs_a_chunk"]
+            runs = np.arange(first, min(first + manifest["runs_a_chunk"], manifest["runs"]))
+            if not (np.array_equal(found["run"], runs) and len(runs) and found.keys() >= ALWAYS
+                    and all(c.ndim and len(c) == len(runs) for c in found.values())
+                    and found["failed"].dtype == bool):
                 raise ValueError("other runs")
             return found
-        except DAMAGED:
+        except (*DAMAGED, TypeError):
             raise UsageError(
                 f"{path}: is damaged: delete it and repeat the command, which makes it anew"
             ) from None
@@ -114,6 +119,8 @@ class CampaignFolder:
     def finish(self, columns: Columns) -> None:
         """Write the table of all columns that hold one value a run; an equal one may be there."""
         table = self.path / TABLE
+        if table.exists() and not table.is_file():  # a pipe would be waited for
+            raise exists(table)
         if not table.exists():
             with new_file(table) as temporary:
                 write_table(temporary, columns)
@@ -168,6 +175,10 @@ def merge(chunks: Sequence[Columns]) -> Columns:
         for chunk in chunks:
             if name in chunk:
                 pieces.append(chunk[name])
+            elif not chunk["failed"].all():
+                raise UsageError(f"{name}: missing of runs from number {chunk['run'][0]} on, "
+                                 "which did not fail: delete their file in "
+                                 f"{CHUNKS}/ and repeat")
             else:
                 pieces.append(np.full((len(chunk["run"]), *shapes[name].shape[1:]), np.nan))
         if any(p.shape[1:] != pieces[0].shape[1:] for p in pieces):

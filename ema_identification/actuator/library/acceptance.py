@@ -18,10 +18,12 @@ import numpy as np
 from ema_identification.actuator.decision.fit import TestedUnit, units_aside
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.fleet.surrogate import Discrepancy, FleetLibrary
+from ema_identification.actuator.library.form import check_array
 from ema_identification.actuator.measure.features import FeatureMap, feature_map, nominal_rate
 from ema_identification.actuator.measure.recorder import recorded_alike, whole
 from ema_identification.actuator.measure.tolerances import CONDITIONS, align, conditions_of
 from ema_record import array_cache as cache
+from ema_record.errors import UsageError
 from ema_record.kit import LIBRARY, kit_path
 from ema_record.record import Record, unit_names
 from ema_record.spread import left_over
@@ -72,8 +74,17 @@ def with_acceptance(library: FleetLibrary, *, seed: int = 0) -> FleetLibrary:
     The units set aside are ranked anew, each with a draw of its spread.
     """
     kept = cache.load(_name(library.fmap), kit_path(LIBRARY))
-    return library if kept is None else with_discrepancy(
-        library, discrepancy_of(library, kept), seed=seed)
+    if kept is None:
+        return library
+    try:
+        check_array("features", kept["features"], (None, len(library.fmap.features)))
+        check_array("conditions", kept["conditions"], (len(kept["features"]), CONDITIONS))
+        if kept["unit"].shape != kept["features"].shape[:1] or kept["unit"].dtype.kind != "i":
+            raise ValueError("unit")
+    except (KeyError, ValueError):
+        raise UsageError(f"{kit_path(LIBRARY) / _name(library.fmap)}.npz: not of the form of "
+                         "acceptance records: commission the kit again") from None
+    return with_discrepancy(library, discrepancy_of(library, kept), seed=seed)
 
 
 def with_discrepancy(library: FleetLibrary, left: Discrepancy, *, seed: int = 0) -> FleetLibrary:

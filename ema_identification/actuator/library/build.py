@@ -44,6 +44,7 @@ from ema_identification.actuator.laws.signatures import (
     unpack,
 )
 from ema_identification.actuator.laws.terms import LawFit
+from ema_identification.actuator.library.form import check_form
 from ema_identification.actuator.measure.features import FeatureMap, feature_map
 from ema_identification.actuator.measure.recorder import whole
 from ema_identification.actuator.measure.runs import Progress, run_cases, silent, spread_out
@@ -162,6 +163,7 @@ def fleet_library(
                 continue
             progress("checking the library", 0.0)
             with contextlib.suppress(KeyError, ValueError, IndexError):  # damaged: made anew
+                check_form(kept, len(fmap.features))
                 known = from_arrays(kept, model, spread, fmap)
                 if is_of_this_code(known, kept, seed=seed, workers=workers):
                     return known if signatures else replace(known, signatures=())

@@ -34,6 +34,7 @@ def test_one_name_in_several_places_is_no_key_twice(tmp_path):
 
 
 def test_a_text_in_quotes_and_zeros_are_no_numbers_of_another_base(tmp_path):
+    assert load_yaml(written(tmp_path, f"'{'9' * 500}'")) == "9" * 500
     path = written(tmp_path, "['010', \"1:30\", 0, 0.0, -0, 00.5, 2026-11-30, a:1, 1:x, 1.2.3]")
     assert load_yaml(path)[:6] == ["010", "1:30", 0, 0.0, 0, 0.5]
 
@@ -53,7 +54,8 @@ def test_a_text_in_quotes_and_zeros_are_no_numbers_of_another_base(tmp_path):
         ("a: 2026-13-45", "malformed YAML"),
         *((f"b: 0.5\na: {x}", f"line 2: malformed YAML: '{re.escape(x)}' could be a number")
           for x in ("1:30", "010", "-1:30:30.5", "+0_7")),
-        ("a: " + "9" * 5000, "value has 5000 digits$"),
+        *((f"b: 1\na: {x}", f"line 2: malformed YAML: a number of {len(x)} characters, at")
+          for x in ("9" * 5000, "-0x" + "f" * 5000, "0b" + "1" * 9000, "1" + "0" * 400)),
         (b"\xff\xfe\xfa", "not UTF-8"),
         ("a: \x00", "malformed YAML"),
         ("a: !!bool foo", "the tag .*bool' is not allowed"),
@@ -71,6 +73,8 @@ def test_errors_are_one_line(tmp_path, text, match):
 def test_missing_file(tmp_path):
     with pytest.raises(UsageError, match="No such file"):
         load_yaml(tmp_path / "nothing.yaml")
+    with pytest.raises(UsageError, match="a zero byte in the name"):
+        load_yaml(tmp_path / "a\0.yaml")
 
 
 def test_the_description_of_an_actuator_keeps_the_nominal_values_that_it_does_not_name(tmp_path):

@@ -4,8 +4,11 @@ import hashlib
 import json
 import re
 
+import numpy as np
 import pytest
 
+from ema_prognostics.cascade.find import Cascade
+from ema_prognostics.cascade.model_body import ViewPart
 from ema_prognostics.cascade.model_file import (
     MAX_BYTES,
     load_model,
@@ -209,3 +212,22 @@ def test_missing_large_and_binary_files(tmp_path):
     binary.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ModelError, match="UTF-8"):
         load_model(binary)
+
+
+@pytest.mark.parametrize("name", ["input_scale", "spread", "template_re"])
+def test_networks_that_give_no_number_do_not_call_a_record_healthy(shipped, name):
+    """Finite, above 0, and of the right shape, but what comes out is none of it."""
+    small = 0.0 if "template" in name else 5e-324
+
+    def changed(value):
+        if isinstance(value, dict):
+            return {k: changed(v) if k != name else [small] * len(v)
+                    for k, v in value.items()}
+        return value
+
+    body = changed({"views": shipped.body.views["step/fleet"].model_dump()})["views"]
+    if name == "template_re":
+        body["lines"]["template_im"] = body["lines"]["template_re"]
+    cascade = Cascade(ViewPart.model_validate(body))
+    with pytest.raises(ModelError, match="no number"):
+        cascade.find(np.full((1, len(cascade.view.names)), 0.1))

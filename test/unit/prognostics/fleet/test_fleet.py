@@ -20,7 +20,7 @@ from ema_cli.pages.fleet_files import open_metrics
 from ema_prognostics.fleet import judging, verdict_store
 from ema_prognostics.fleet.fleet import fleet_of, read_fleet
 from ema_prognostics.fleet.tables import COLUMNS, write_parquet
-from ema_prognostics.fleet.verdict_store import FILE, FORM, VerdictStore
+from ema_prognostics.fleet.verdict_store import FILE, FORM, NEEDED, VerdictStore
 from ema_prognostics.verdict import contract, schema
 from ema_record.bag.content_hash import content_hash
 from ema_record.bag.find import bags_below
@@ -185,11 +185,12 @@ def test_the_store_knows_what_changed(tmp_path):
     with VerdictStore("j", tmp_path) as store:
         first = store.sha256(bag)
         assert first == hashlib.sha256(b"one").hexdigest()
-        store.put([(first, {"x": 1})])
+        said = dict.fromkeys(NEEDED, "") | {"record_sha256": first}
+        store.put([(first, said)])
         bag.write_bytes(b"two")
         assert store.sha256(bag) != first
     with VerdictStore("j", tmp_path) as again, VerdictStore("other", tmp_path) as other:
-        assert again.get(first) == {"x": 1}
+        assert again.get(first) == said
         assert other.get(first) is None
         assert again.get(None) is None
         other._write("INSERT OR REPLACE INTO verdicts VALUES (?, ?, ?)", [("other", "aa", "{")])
@@ -198,8 +199,8 @@ def test_the_store_knows_what_changed(tmp_path):
     (tmp_path / f"v{FORM}_{FILE}").write_bytes(b"damaged" * 1000)
     with VerdictStore("j", tmp_path) as damaged:
         assert damaged.get(first) is None
-        damaged.put([(first, {"x": 2})])
-        assert damaged.get(first) == {"x": 2}
+        damaged.put([(first, said)])
+        assert damaged.get(first) == said
 
 
 def test_a_bag_that_has_not_changed_is_not_read_again(tmp_path, monkeypatch):

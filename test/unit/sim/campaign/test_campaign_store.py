@@ -1,3 +1,5 @@
+import os
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,9 @@ MANIFEST = manifest_of("abc", {}, "summary", "def", 4, 2)
 
 
 def chunk(first):
-    return {"run": np.arange(first, first + 2), "results.x": np.array([0.1, np.nan])}
+    return {"run": np.arange(first, first + 2), "seed": np.array([5, 6]),
+            "failed": np.array([False, True]), "profile": np.array(["step", "step"]),
+            "results.x": np.array([0.1, np.nan])}
 
 
 def test_chunks_come_back(tmp_path):
@@ -19,7 +23,7 @@ def test_chunks_come_back(tmp_path):
     columns = load_campaign(tmp_path / "out")
     assert columns["run"].tolist() == [0, 1, 2, 3]
     folder.finish(columns)
-    assert (tmp_path / "out/table.csv").read_text().splitlines()[1] == "0,0.1"
+    assert (tmp_path / "out/table.csv").read_text().splitlines()[1] == "0,5,False,step,0.1"
 
 
 def test_the_same_campaign_is_taken_up_and_another_refused(tmp_path):
@@ -85,8 +89,34 @@ def test_a_chunk_of_other_runs_and_a_table_that_was_cut_are_named(tmp_path):
 
 
 def test_merge_fills_what_failed_and_refuses_other_shapes():
-    failed = {"run": np.array([4])}
+    failed = {"run": np.array([4]), "seed": np.array([1]), "failed": np.array([True]),
+              "profile": np.array(["step"])}
     merged = merge([chunk(0), failed])
     assert np.isnan(merged["results.x"][2])
     with pytest.raises(UsageError, match="shape"):
-        merge([chunk(0), {"run": np.array([1]), "results.x": np.zeros((1, 2))}])
+        merge([chunk(0), {**failed, "results.x": np.zeros((1, 2))}])
+    with pytest.raises(UsageError, match=r"results\.x: missing of runs from number 4"):
+        merge([chunk(0), {**failed, "failed": np.array([False])}])
+
+
+@pytest.mark.parametrize("change", [
+    lambda c: {k: v[:1] for k, v in c.items()}, lambda c: {k: v[:0] for k, v in c.items()},
+    lambda c: c | {"seed": c["seed"][:1]}, lambda c: c | {"run": np.array(0)},
+    lambda c: c | {"failed": np.array([0.0, 1.0])},
+    lambda c: {k: v for k, v in c.items() if k != "failed"},
+])
+def test_a_part_of_a_chunk_is_not_taken_for_a_whole_one(tmp_path, change):
+    folder = CampaignFolder(tmp_path, MANIFEST)
+    folder.save(0, change(chunk(0)))
+    with pytest.raises(UsageError, match=r"000000\.npz: is damaged"):
+        folder.load(0)
+
+
+@pytest.mark.timeout(20)
+def test_foreign_names_in_the_folder_and_a_pipe_for_the_table(tmp_path):
+    folder = CampaignFolder(tmp_path, MANIFEST)
+    (tmp_path / "chunks/²²²²²².npz").touch()
+    assert folder.done() == set()
+    os.mkfifo(tmp_path / "table.csv")
+    with pytest.raises(OutputError, match=r"table\.csv: exists"):
+        folder.finish(chunk(0))
