@@ -64,13 +64,20 @@ def commission(
         return 0
     views = found["held_out"][found["profile"]]
     say(f"{out}: kit of {len(found['units'])} units, test {found['profile']}")
+    found_sizes = []
     for view, title in (("fleet", "without a baseline"), ("baseline", "with a baseline")):
         one = views[view]
         say(f"  {title}: false alarms {percent(one['false alarms'])}, unknown "
             f"{percent(one['healthy called unknown'])}")
+        smallest = {name: part["a90"] for name, part in one.items()
+                    if isinstance(part, dict) and "a90" in part}
+        found_sizes += smallest.values()
         say("    found in nine of ten: " + ", ".join(
-            f"{name.replace('_', ' ')} {size(name, one[name]['a90'])}" for name in one
-            if isinstance(one[name], dict) and "a90" in one[name]))
+            f"{name.replace('_', ' ')} {size(name, a90)}" for name, a90 in smallest.items()))
+    if all(a90 is None for a90 in found_sizes):
+        note("this kit finds no fault of any size in nine of ten tests: one of the units may be "
+             "faulty, or they are too few to tell; give records of more healthy units"
+             + (", without --quick" if quick else ""))
     if not found["library"]:
         note("no library for 'ema identify': it is made at its first use, in some minutes")
     note(f"{out / REPORT} says more; next: ema check RECORD --kit {out}")

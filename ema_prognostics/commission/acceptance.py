@@ -17,7 +17,8 @@ from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import ProfileKind, profile_kind
 from ema_prognostics.training.conditions import noise_range
 from ema_prognostics.verdict.judge import forbidden
-from ema_record.actuator import Actuator
+from ema_record.actuator import FORMERLY, Actuator
+from ema_record.actuator_type import actuator_hash, is_of_another_actuator
 from ema_record.bag.read import read_bag
 from ema_record.channels import (
     MOTOR_SPEED,
@@ -125,6 +126,10 @@ def _kind(record: Record, path: str, actuator: Actuator) -> ProfileKind:
     if kind is None:
         raise UsageError(f"{path}: its test {record.profile.name!r} is not one of the kit's: "
                          "record the kit's profile extended or step")
+    if is_of_another_actuator(named := record.provenance.actuator):
+        raise UsageError(f"{path}: of another actuator, {named[:16]!r}, the description is of "
+                         f"{actuator_hash()!r}: give the one that it was recorded with, or, if "
+                         f"that was corrected since, add the line {FORMERLY}: ['{named[:16]}']")
     verdict = forbidden(record)
     if verdict is not None:
         raise UsageError(f"{path}: cannot serve as acceptance record: {verdict.reasons[0]}")

@@ -300,7 +300,7 @@ def _usual(actuator: Actuator, tolerances: UnitTolerances) -> Actuator:
 def _deviations(tolerances: UnitTolerances, actuator: Actuator) -> dict[str, float]:
     """Return the standard deviation of units by parameter, as `PRIORS`: they differ evenly."""
     half = {**tolerances._asdict(), "viscous_factor": np.log(tolerances.viscous_factor),
-            "flat_top": tolerances.flat_top / actuator.motor.flat_top}
+            "flat_top": tolerances.flat_top / (actuator.motor.flat_top or np.inf)}
     return {parameter: half[name] / np.sqrt(3.0)
             for name, of in TOLERANCE_OF.items() for parameter in of}
 

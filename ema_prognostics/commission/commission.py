@@ -171,9 +171,13 @@ class _Work:
             progress=lambda part: self._progress("correcting the model", 0.02 + 0.13 * part))
         self._write_actuator(calibration.actuator)
         actuator = load_actuator()  # the numbers as they are written
-        fleets = self._fleets(calibration, "trains", self._size.trains, self._seed, 0.15, 0.58)
-        held = self._fleets(calibration, "validates", self._size.validates,
-                            self._seed + VALIDATION_SEED, 0.58, 0.70)
+        size = self._size
+        fleets = self._fleets(calibration, "trains", (size.units, size.healthy, size.strangers),
+                              self._seed, 0.15, 0.58)
+        held = self._fleets(
+            calibration, "validates",
+            (size.validation, size.validation_healthy, size.validation_strangers),
+            self._seed + VALIDATION_SEED, 0.58, 0.70)
         healthy = fleets.healthy
         (names, rows), units = self._acceptance.features(actuator), self._acceptance.units
         model, spread = expected(healthy, names, rows), fleet_spread(names, healthy)

@@ -47,6 +47,8 @@ def make_draft(description: Path, draft: Path) -> None:
     from ema_record.profiles.text import profile_yaml, write_profiles
     from ema_record.yaml_file import load_yaml
 
+    if description.is_dir():
+        raise UsageError(f"{description}: a folder: give the file {description / ACTUATOR}")
     if not description.is_file():
         raise UsageError(f"{description}: no such file: 'ema new-actuator' writes one from a "
                          "data sheet")

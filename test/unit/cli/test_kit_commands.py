@@ -95,3 +95,16 @@ def test_answers_that_end_leave_nothing(tmp_path, capsys, monkeypatch):
     assert main.run(["new-actuator", "--out", str(tmp_path / "kit"), *given]) == 2
     assert "nothing was written" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("a90", "said"), [(None, True), (0.02, False)])
+def test_a_kit_that_finds_no_fault_says_so(a90, said, tmp_path, capsys, monkeypatch):
+    rate = {"count": 0, "total": 40, "lower": 0.0, "upper": 0.09}
+    view = {"false alarms": rate, "healthy called unknown": rate, "turn_short": {"a90": None}}
+    found = {"profile": "step", "units": ["a"], "library": True, "held_out": {
+        "step": {"fleet": view, "baseline": view | {"backlash": {"a90": a90}}}}}
+    monkeypatch.setattr(
+        "ema_prognostics.commission.commission.commission", lambda *_, **__: found)
+    assert main.run(["commission", "bags/sim_0000_step", "--actuator", "config/actuator.yaml",
+                     "--out", str(tmp_path / "kit")]) == 0
+    assert ("this kit finds no fault of any size" in capsys.readouterr().err) == said

@@ -17,6 +17,7 @@ from ema_prognostics.commission.acceptance import (
 from ema_prognostics.commission.calibrate import (
     LATENCIES,
     Calibration,
+    _deviations,
     changed,
     parameters_of,
     wider,
@@ -140,6 +141,12 @@ def test_static_friction_moves_with_the_dynamic_one_and_no_latency_falls_below_z
         assert changed(ACTUATOR, name, -1.0).acquisition == ACTUATOR.acquisition
         moved = changed(ACTUATOR, name, 1.5).acquisition
         assert getattr(moved, name.split(".")[1]) == 1.5
+
+
+def test_a_flat_top_of_none_is_no_parameter_and_ends_nothing() -> None:
+    pointed = ACTUATOR._replace(motor=ACTUATOR.motor._replace(flat_top=0.0))
+    assert "motor.flat_top" not in parameters_of(pointed)
+    assert _deviations(load_spread().tolerances, pointed)["motor.flat_top"] == 0.0
 
 
 def test_only_a_relay_shows_its_band() -> None:
