@@ -241,11 +241,12 @@ def read_parquet(path: Path, needed: Sequence[str | int] | None) -> Table:
                 columns[name] = np.empty((0, 0))
         units = {field.name: field.metadata[b"unit"].decode("utf-8", "replace")
                  for field in read.schema if field.metadata and b"unit" in field.metadata}
-        units |= {field.name: SECONDS for field in read.schema if pa.types.is_temporal(field.type)}
+        stamps = frozenset(f.name for f in read.schema if pa.types.is_temporal(f.type))
+        units |= dict.fromkeys(stamps, SECONDS)
     except (pa.ArrowException, OSError) as error:
         raise InvalidRecordError(f"{path}: no Parquet file, or damaged ({said_by(error)}): save "
                                  "it again") from None
-    return Table(columns=columns, source=str(path), units=units)
+    return Table(columns=columns, source=str(path), units=units, stamps=stamps)
 
 
 def _column(values: Any, where: str, pa: Any) -> Cells:

@@ -57,11 +57,6 @@ class TextColumn:
 
     parts: tuple[CellBlock, ...]
 
-    @property
-    def has_words(self) -> bool:
-        """Whether a cell is no number."""
-        return any(part.values is None for part in self.parts)
-
     def numbers(self, source: str, name: str) -> np.ndarray:
         """Return the column as numbers, shape (n,); the first cell that is none is named."""
         for part in self.parts:
@@ -99,6 +94,8 @@ class Table:
     """Units of columns as the file gives them, in its own words."""
     times: Mapping[str, np.ndarray] = field(default_factory=dict)
     """Of columns that have a clock of their own (s)."""
+    stamps: frozenset[str] = frozenset()
+    """Columns that are times by their type in the file; their unit, there, is known: read in s."""
 
     def name_of(self, name: str | int, where: str) -> str:
         """Return the name of a column that a map gives by name or number."""

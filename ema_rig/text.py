@@ -307,7 +307,8 @@ def _rows(
     columns: dict[int, Cells] = {}
     for k in wanted:
         text = TextColumn(tuple(parts[k]))
-        columns[k] = text if text.has_words else text.numbers(str(path), layout.names[k])
+        words = any(part.values is None for part in text.parts)
+        columns[k] = text if words else text.numbers(str(path), layout.names[k])
     return columns, () if short is None else (f"line {short[0]} is cut and left out",)
 
 

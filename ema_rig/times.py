@@ -35,6 +35,11 @@ def seconds(table: Table, name: str | int, unit: str, where: str) -> np.ndarray:
 
     """
     text = table.text(name, where)
+    if (label := table.name_of(name, where)) in table.stamps:
+        if unit not in ("s", ISO, CLOCK):
+            raise UsageError(f"{table.source}: {where}: unit {unit!r}, but {label!r} holds times, "
+                             "whose unit the file gives by their type: set unit: s")
+        return table.column(name, where)
     if unit not in (ISO, CLOCK):
         factor = unit_factor(unit, "time", f"{table.source}: {where}")
         if text is not None:

@@ -14,6 +14,7 @@ from ema_identification.rig.signals.agree import ROOM, agreeing_band
 from ema_identification.rig.signals.clocks import earlier, response_band, speed_lag, speed_noise
 from ema_identification.rig.signals.plausible import GAP, RUN, check_columns, check_input
 from ema_identification.rig.signals.recorder import cleaned
+from ema_identification.rig.signals.sensor_range import check_range
 from ema_identification.rig.signals.trajectory import (
     Segment,
     Trajectory,
@@ -146,6 +147,8 @@ def _trajectory(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
         raise too_short(first, "no stretch without a gap holds 64 samples")
     for record in records:
         check_columns(record)
+        if record.has(POSITION):
+            check_range(record)
     is_position = not first.has(SPEED)
     longest = max(raw, key=lambda piece: len(piece["time"]))
     band = response_band(longest[POSITION if is_position else SPEED], float(longest["rate"]),

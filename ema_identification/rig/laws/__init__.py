@@ -16,6 +16,7 @@ LAWS: dict[str, Law] = {
         static.HARDENING_SPRING, static.END_STOP, static.END_STOPS,
         dynamics.HYSTERESIS, dynamics.BACKLASH, dynamics.COMPLIANCE, dynamics.DEAD_ZONE,
         dynamics.DELAY, dynamics.LAG, dynamics.LOAD_SIDE_COMPLIANCE,
+        dynamics.QUASI_STATIC_COMPLIANCE,
         dynamics.PERIODIC_DISTURBANCE, static.POSITION_DEPENDENT_INERTIA,
     )
 }

@@ -157,7 +157,18 @@ COMPLIANCE = Law(
     units={"load_inertia": "u/a", "frequency": "Hz", "damping": "1"},
     columns=_lagging_load, grid=resonances_grid, positive=True,
     part_of="inertia", located="frequency", dynamic=True,
-    excludes=("load_side_compliance",),  # the sensor is at one side
+    excludes=("load_side_compliance", "quasi_static_compliance"),  # the sensor is at one side
+)
+QUASI_STATIC_COMPLIANCE = Law(
+    name="quasi_static_compliance",
+    meaning="the load hangs on a spring that the motion winds up, far below its resonance",
+    equation="u = J a - c a'', c = J_l / ω², the first term of Taylor's series of a compliance",
+    reference="Ellis, Lorenz 2000, IEEE IAS Annual Meeting (two-mass drives)",
+    against="frequency", coefficients=("value",), units={"value": "u*s²/a"},
+    columns=lambda segment, _t, _s: (
+        -derivative(derivative(segment.acceleration, segment.step), segment.step),),
+    dynamic=True, positive=True, excludes=("compliance", "load_side_compliance"),
+    equivalent=lambda _axis, _shape: ("compliance",),
 )
 DEAD_ZONE = Law(
     name="dead_zone", meaning="the drive swallows a part of the input around zero",
@@ -175,7 +186,7 @@ LOAD_SIDE_COMPLIANCE = Law(
     against="frequency", coefficients=("value",), units={"value": "u*s²/a"},
     columns=lambda segment, _t, _s: (
         derivative(derivative(segment.acceleration, segment.step), segment.step),),
-    dynamic=True, positive=True, excludes=("compliance",),
+    dynamic=True, positive=True, excludes=("compliance", "quasi_static_compliance"),
 )
 PERIODIC_DISTURBANCE = Law(
     name="periodic_disturbance",

@@ -180,6 +180,9 @@ _TESTS: tuple[tuple[frozenset[str], str], ...] = (
     (frozenset({"presliding_hysteresis", "backlash"}),
      "slow triangles with an amplitude of a few times the lost motion: in a gap the input is "
      "free, in presliding it rises at once"),
+    (frozenset({"quasi_static_compliance", "compliance"}),
+     "a sweep up to a few times the resonance, or steps of the input: there the load's inertia "
+     "and its frequency stand apart, below it only their ratio"),
     (frozenset({"cogging_torque", "gear_mesh_ripple"}),
      "a full turn at slow constant speed in both directions, with the gear's ratio known: mesh "
      "ripple has a whole number of periods a turn of a gear"),

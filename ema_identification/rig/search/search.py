@@ -93,8 +93,11 @@ def _one_way(start: InputBalance, look: Look) -> tuple[Way, bool]:
     choices, stages, more = _simplified(start, choices, stages, look)
     choices, stages, others = _one_for_two(start, choices, stages, look)
     dropped += [*more, *others]
-    lost = _not_there(stages[-1], len(start.terms), look.blocks)
-    if lost:
+    end, first = stages[-1], len(start.terms)
+    if lost := frozenset(  # filter the motion or follow it and, beside the others, need not be
+            term.law.name for index, term in enumerate(end.terms)
+            if index >= first and (term.law.dynamic or term.law.beside)
+            and not located(end, look.blocks, index)):
         return _one_way(start, replace(look, hidden=look.hidden | lost))
     return (stages, choices, trials, dropped), contested
 
@@ -172,14 +175,6 @@ def _without(
     others, stages = _polished(start, others, look.blocks)
     most = now + least_loss(end, now)
     return (others, stages) if stages[-1].squares(look.blocks) < most else None
-
-
-def _not_there(end: InputBalance, first: int, blocks: Blocks) -> frozenset[str]:
-    """Return laws that filter the motion or follow it which, beside the others, need not be."""
-    return frozenset(
-        term.law.name for index, term in enumerate(end.terms)
-        if index >= first and (term.law.dynamic or term.law.beside)
-        and not located(end, blocks, index))
 
 
 def _exchanged(

@@ -56,7 +56,6 @@ _RATIOS = {
         1.0 / (2 * math.pi): "speed is in rev/s, not rad/s",
         math.pi / 180.0: "position is in degrees, not rad",
         2 * math.pi: "position is in turns, not rad",
-        6.0: "speed is in rev/min (rpm) and position in degrees times 2 pi: check both",
         1.0 / 6.0: "speed is in rev/min (rpm) and position in degrees",
         60.0: "speed is in rev/min (rpm) and position in turns",
         1000.0: "time is in ms, not s (or position in units of a thousandth)",

@@ -173,6 +173,10 @@ def test_parquet(tmp_path):
     with pytest.raises(InvalidRecordError, match="line 1, column 'state': 'a' is not a number"):
         imported(tmp_path / "a.parquet", position={"column": "state", "unit": "rad"})
     assert guess_map(tmp_path / "a.parquet").data["time"] == {"column": "t", "unit": "s"}
+    with pytest.raises(UsageError, match="unit 'ms', but 't' holds times, whose unit the file"):
+        imported(tmp_path / "a.parquet", time={"column": "t", "unit": "ms"})
+    dated = imported(tmp_path / "a.parquet", time={"column": "t", "unit": "iso"})
+    np.testing.assert_allclose(dated.time, T, atol=1e-9)
     stamps[[0, 7]] = np.datetime64("NaT")
     pq.write_table(pa.table({"t": stamps, "i": CURRENT, "q": Q}), tmp_path / "b.parquet")
     record = imported(tmp_path / "b.parquet")

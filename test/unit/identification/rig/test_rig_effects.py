@@ -61,6 +61,26 @@ def test_a_load_on_a_spring_is_named_with_its_resonance(bench):
     assert values(found, "compliance.load_inertia").value == pytest.approx(0.03, rel=0.03)
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("frequency", [5.0, 7.0])
+def test_a_load_on_a_spring_far_below_its_resonance_is_named_with_what_is_seen_of_it(
+        bench, frequency, seed):
+    omega = 2 * np.pi * frequency
+
+    def load(t, q, v, a):
+        """Return what the load adds, by the exact response to each of the sines."""
+        spectrum = np.fft.rfft(a)
+        w = 2 * np.pi * np.fft.rfftfreq(len(t), t[1])
+        gain = 1.0 / (1.0 - (np.minimum(w, 0.5 * omega) / omega) ** 2)
+        return 0.03 * (np.fft.irfft(gain * spectrum, len(t)) - a)
+    found = identify_rig([bench(load, noise=0.002, seed=seed)])
+    assert [{f.effect, *f.equivalent} for f in found.findings] == [
+        {"quasi_static_compliance", "compliance"}]
+    c = values(found, "quasi_static_compliance.value").value
+    first = 0.03 / omega**2  # of Taylor's series; all of it at the fastest sine, 1.9 Hz
+    assert 0.97 * first <= c <= 1.03 * first / (1.0 - (1.9 / frequency) ** 2)
+
+
 @pytest.mark.slow
 def test_friction_that_builds_up_slowly_is_named_with_its_distance(bench):
     found = identify_rig([bench(lambda t, q, v, a: 0.8 * _dahl(q, 0.12), duration=10.0)])

@@ -8,6 +8,7 @@ import pytest
 from ema_identification.rig.fit.model import Settings
 from ema_identification.rig.fit.visible import what_shows
 from ema_identification.rig.prepare import prepare
+from ema_identification.rig.signals.sensor_range import check_range
 from ema_record.errors import InvalidRecordError
 
 BOTH = ("position", "speed")
@@ -89,6 +90,35 @@ def test_a_clipped_input_is_named_and_a_drive_at_its_limit_is_not(bench, recorde
         v[k] = v[k - 1] + 0.001 * (u[k - 1] - 0.4 * v[k - 1]) / 0.05
         q[k] = q[k - 1] + 0.001 * v[k]
     prepare([recorded(t, u, axis, noise=0.0, position=q, speed=v)], Settings())
+
+
+@pytest.mark.parametrize("keep", [BOTH, ("position",)])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_clipped_position_is_named(bench, keep, seed):
+    record = bench(friction, keep=keep, seed=seed)
+    prepare([record], Settings())
+    top = float(np.quantile(record.channel("position"), 0.9))
+    text = said(changed(record, position=lambda c: np.minimum(c["position"], top)))
+    assert f"the position is clipped at {top:.5g} rad for 10 % of the samples" in text
+    assert ("leave it out of the map, as the speed is there" in text) == (keep == BOTH)
+    low = float(np.quantile(record.channel("position"), 0.05))
+    text = said(changed(record, position=lambda c: np.clip(c["position"], low, top)))
+    assert "the position is clipped" in text
+
+
+@pytest.mark.parametrize("samples", [3, 6, 20])
+@pytest.mark.parametrize("step", [1e-4, 3e-3])
+def test_a_rest_at_the_end_of_the_travel_is_no_clipped_position(recorded, axis, samples, step):
+    n = 9000
+    a = np.zeros(n)
+    for k, start in enumerate(range(100, n - 900, 400)):  # to and fro between two places
+        a[start:start + samples] = (-1) ** k
+        a[start + 200:start + 200 + samples] = -(-1) ** k
+    speed = np.cumsum(a) * 2.0 / samples
+    position = np.r_[0.0, np.cumsum(speed)[:-1]] * 0.004
+    record = recorded(0.004 * np.arange(n), 25.0 / samples * a + 0.4 * speed, axis,
+                      position=np.round(position / step) * step)
+    check_range(record)
 
 
 @pytest.mark.parametrize(("one", "other"), [
