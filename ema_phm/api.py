@@ -291,13 +291,20 @@ def profiles() -> list[str]:
 
 
 def to_json(
-    source: Bag, *, model: Bag | None = None, profile: Bag | None = None
+    source: Source, *, model: Bag | None = None, profile: Bag | None = None
 ) -> dict[str, Any]:
-    """Return the JSON object of a bag's verdict, as ``ema check --json`` prints it."""
+    """Return the JSON object of a verdict, as ``ema check --json`` prints it.
+
+    That of a record has no hash of its bag.
+    """
     from ema_prognostics.verdict.contract import trace_of, verdict_object
 
     judge = _judge(model, None, profile)
-    return verdict_object(judge.of_bag(_text(source)), trace_of(judge.model_sha256))
+    trace = trace_of(judge.model_sha256)
+    if isinstance(source, Record):
+        judged = judge.of_record(source, source.provenance.source or "record")
+        return verdict_object(judged, trace, record_sha256="")
+    return verdict_object(judge.of_bag(_text(source)), trace)
 
 
 def _judge(

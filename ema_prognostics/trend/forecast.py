@@ -56,6 +56,8 @@ OUTLYING = 0.05
 """Flights whose severity may be anything."""
 STEPS = 80
 """Of the law, over all flights ahead, and once more where it rises."""
+HALVINGS = 40
+"""Of the range in which a quantile of the severity is sought."""
 NEGLIGIBLE = 1e-3
 """Weight, against the largest, below which a process does not enter the forecast."""
 
@@ -218,11 +220,16 @@ def course(seen: Outlook, flights: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     """
     found = np.empty((3, len(flights)))
     tail = 0.5 - 0.5 * INTERVAL
+    wanted = np.array([0.5, tail, 1.0 - tail])
     for k, (mean, variance) in enumerate(_coming(seen, flights)):
         wide = np.sqrt(variance + (seen.shared * mean) ** 2)
-        grid = np.linspace((mean - 4.0 * wide).min(), (mean + 4.0 * wide).max(), 400)
-        below = ndtr((grid[:, None] - mean) / wide) @ seen.weight
-        found[:, k] = np.interp([0.5, tail, 1.0 - tail], below, grid)
+        low = np.full(3, (mean - 4.0 * wide).min())
+        high = np.full(3, (mean + 4.0 * wide).max())
+        for _ in range(HALVINGS):  # a grid would be coarse where one process runs away
+            middle = 0.5 * (low + high)
+            below = ndtr((middle[:, None] - mean) / wide) @ seen.weight < wanted
+            low, high = np.where(below, middle, low), np.where(below, high, middle)
+        found[:, k] = 0.5 * (low + high)
     return found[0], found[1], found[2]
 
 
