@@ -18,7 +18,6 @@ from threadpoolctl import threadpool_limits
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.joint import joint_unit
 from ema_identification.actuator.decision.proposals import scores
-from ema_identification.actuator.fleet.units import FULL
 from ema_identification.actuator.gap import HeldOut
 from ema_identification.actuator.library.baseline import with_baselines
 from ema_identification.actuator.library.build import MADE_BY, fleet_library
@@ -61,7 +60,7 @@ def main() -> None:
             row, values = (known[0] for known in library.aside)
             units.append(TestedUnit(library=library, values=values, conditions=conditions_of(row)))
         for unit in units:
-            with_baselines(unit.library, FULL, workers=given.workers, folder=folder)
+            with_baselines(unit.library, workers=given.workers, folder=folder)
         for first, second in permutations(units, 2):
             HeldOut(unit=first, fitted=second).kept(folder)
             joint_unit([first, second], scores, folder)

@@ -62,12 +62,14 @@ def judged_flights(paths: Sequence[Path], judge: Judge) -> dict[str, list[Flight
     InvalidRecordError
         A directory without a bag.
     """
-    from ema_prognostics.trend.flights import Flight, read_flights
+    from ema_prognostics.trend.flights import Flight, by_unit
 
-    bags = given_bags(paths)
+    bags, flights = given_bags(paths), []
     with progress(f"checking {len(bags)} bags", len(bags)) as advance:
-        return read_flights(
-            bags, lambda bag: Flight(**judge.of_bag(bag)._asdict()), advance)
+        for done, bag in enumerate(bags, start=1):
+            flights.append(Flight(**judge.of_bag(bag)._asdict()))
+            advance(done)
+    return by_unit(flights)
 
 
 def print_flights(trend: UnitTrend) -> None:

@@ -139,16 +139,12 @@ def literal(text: str) -> str:
     return neutral(text).replace("$", r"\$")
 
 
-def _mark_window(axes: Axes, record: Record) -> None:
-    first, last = paper_window(record.profile)
-    if last <= record.time[-1] + 0.01:
-        axes.axvspan(first, last, color=ORANGE, alpha=0.15, lw=0.0, label="analysis window")
-
-
 def _speed(record: Record) -> Figure:
     figure = Figure(figsize=SIZE)
     axes = figure.subplots()
-    _mark_window(axes, record)
+    first, last = paper_window(record.profile)
+    if last <= record.time[-1] + 0.01:
+        axes.axvspan(first, last, color=ORANGE, alpha=0.15, lw=0.0, label="analysis window")
     axes.plot(record.time, record.channel("motor_speed"), color=BLUE, lw=0.7, label="measured")
     axes.set(xlabel="time (s)", ylabel="motor speed (rad/s)", title=_title(record, "Motor speed"))
     figure.legend(loc="outside lower center", ncols=2)

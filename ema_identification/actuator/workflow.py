@@ -100,7 +100,7 @@ def identify_actuator(
         if not accepted:
             return found
         before = [tested(record) for record in accepted]
-        library, apart = with_baselines(library_of(given[0]), FULL, seed=seed, workers=workers,
+        library, apart = with_baselines(library_of(given[0]), seed=seed, workers=workers,
                                         progress=progress)
         changed = changed_unit(replace(units[0], library=library), before, apart)
         since = decide(changed, witness=held, without=without, progress=progress)

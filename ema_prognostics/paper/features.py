@@ -99,7 +99,6 @@ def concavity(turns: Turns) -> np.ndarray:
     return found
 
 
-HARMONICS = 6
 CARRIERS = slice(1, 6)
 """Multiples of f_e among which the carriers are sought."""
 CURRENT_LINES = 5
@@ -129,7 +128,7 @@ class PaperFeatures:
     concavity : ndarray, shape (2, 3), [positive or negative portion, phase] (A).
     carriers : the two strongest lines of the speed, multiples of f_e, strongest first.
     envelope_maximum, envelope_mean : of the positive portions (A).
-    symmetry : -1 symmetric to the horizontal axis, +1 shifted; see `envelope.symmetry`.
+    symmetry : -1 symmetric to the horizontal axis, +1 shifted; see `symmetry`.
     speed_lines : ndarray, shape (7,), amplitudes at 0..6 f_e (rad/s).
     speed_maximum_to_minimum, speed_maximum_to_mean : of the folded turn.
     current_lines : ndarray, shape (5,), amplitudes at 0..4 f_e (A).
@@ -172,7 +171,7 @@ def paper_features(turns: Turns) -> PaperFeatures:
     """Return the paper's features of a window (`paper_turns`)."""
     speed = np.abs(turns.samples[:, MOTOR_SPEED])
     current = turns.samples[:, REFERENCE_CURRENTS]
-    lines = np.abs(rotor_lines(turns, np.column_stack([speed, current[:, 0]]), HARMONICS))
+    lines = np.abs(rotor_lines(turns, np.column_stack([speed, current[:, 0]])))
     strongest = np.argsort(-lines[CARRIERS, 0], kind="stable")[:2] + CARRIERS.start
     upper, lower = envelopes(turns)
     folded = fold(turns, speed)

@@ -59,7 +59,7 @@ def evaluate(
     """
     cascade = fleet if own is None else own
     result: dict[str, Any] = {}
-    detections, outcomes = _judge(fleet, own, healthy)
+    _, outcomes = _judge(fleet, own, healthy)
     result["false alarms"] = _plain(rate([o not in ("healthy", "unknown") for o in outcomes]))
     result["healthy called unknown"] = _plain(rate([o == "unknown" for o in outcomes]))
     if strangers is not None:

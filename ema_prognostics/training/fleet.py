@@ -65,7 +65,7 @@ class FleetFeatures:
     names : of the features, (d,).
     baseline : ndarray, shape (n, d). Record of the unit when new, healthy.
     record : ndarray, shape (n, d). A later record of the same unit.
-    severity : ndarray, shape (n, 8). Columns as `conditions.OUTPUTS`; 0: not present.
+    severity : ndarray, shape (n, 8). Columns as `classes.OUTPUTS`; 0: not present.
     unit : ndarray, shape (n,). Number of the unit.
     friction : ndarray, shape (n, 2). Log of the unit's own friction, motor and surface, over
         nominal.

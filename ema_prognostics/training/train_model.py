@@ -59,16 +59,6 @@ class TrainingSettings:
     hidden: int = 16
     iterations: int = 200
 
-    @property
-    def trains(self) -> tuple[int, int, int]:
-        """Units of the fleets that train: with faults, healthy, with strangers."""
-        return self.units, self.healthy, self.strangers
-
-    @property
-    def validates(self) -> tuple[int, int, int]:
-        """Units of the fleets that validate, in the same order."""
-        return self.validation, self.validation_healthy, self.validation_strangers
-
 
 QUICK = TrainingSettings(
     units=120, healthy=120, strangers=60, validation=30, validation_healthy=40,

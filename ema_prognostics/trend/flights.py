@@ -6,10 +6,9 @@ without an answer.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
-from pathlib import Path
 from time import time_ns
 
 from ema_prognostics.verdict.verdict import Verdict
@@ -115,24 +114,6 @@ def by_unit(flights: Iterable[Flight], *, one: bool = True) -> dict[str, list[Fl
     for flight in flights:
         grouped.setdefault(flight.serial_number or only, []).append(flight)
     return {unit: in_order(found) for unit, found in grouped.items()}
-
-
-def read_flights(
-    bags: Sequence[Path], judge: Callable[[Path], Flight], progress: Callable[[int], None],
-) -> dict[str, list[Flight]]:
-    """Judge bags one by one and return the flights of each actuator, in order.
-
-    Parameters
-    ----------
-    bags : one a flight.
-    judge : from a bag to its flight; answers for any bag.
-    progress : called with the number of bags done.
-    """
-    flights = []
-    for done, bag in enumerate(bags, start=1):
-        flights.append(judge(bag))
-        progress(done)
-    return by_unit(flights)
 
 
 def date_of(flights: Sequence[Flight], number: int) -> datetime | None:

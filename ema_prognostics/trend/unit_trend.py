@@ -91,13 +91,17 @@ class FaultTrend:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
+        rise = self.growth
         return {
             "fault_class": self.history.fault_class, "phase": self.history.phase,
             "severity_unit": self.history.unit, "announced": self.announced,
             "confirmed": self.confirmed, "present": self.present,
             "episodes": [asdict(episode) for episode in self.episodes],
             "falls": list(self.falls),
-            "growth": None if self.growth is None else _growth_dict(self.growth),
+            "growth": None if rise is None else {
+                "flights": rise.count, "growing": rise.growing, "rate": plain(rise.rate),
+                "rate_interval": plain(rise.rate_interval), "p_value": plain(rise.p_value),
+                "severity": plain(rise.severity)},
             "forecasts": [f.to_dict() for f in self.forecasts],
         }
 
@@ -237,11 +241,3 @@ def _suspected(flights: Sequence[Flight], faults: Sequence[FaultTrend]) -> dict[
         if at is not None and (first is None or at < first):
             found[name] = at
     return found
-
-
-def _growth_dict(found: Growth) -> dict[str, Any]:
-    return {
-        "flights": found.count, "growing": found.growing, "rate": plain(found.rate),
-        "rate_interval": plain(found.rate_interval), "p_value": plain(found.p_value),
-        "severity": plain(found.severity),
-    }

@@ -49,7 +49,7 @@ UNITS: tuple[tuple[tuple[str, ...], ReadUnit], ...] = (
     (("torque_", "_torque"), ReadUnit("N m", exp)),
     (("load_", "gap_load"), ReadUnit("N m", float)),
     (("gap_width", "lag_ramp", "lag_quarter"), ReadUnit("mrad", lambda v: 0.1 * v)),
-    (("lag_", "start_gap", "position_over_angle"), ReadUnit("mrad", float)),
+    (("lag_", "start_gap"), ReadUnit("mrad", float)),
     (("rise_time",), ReadUnit("ms", float)),
     (("speed_full", "noise_speed", "speed_step", "speed_rms"), ReadUnit("rad/s", exp)),
     (("sum_mean", "offset_largest"), ReadUnit("A", float)),

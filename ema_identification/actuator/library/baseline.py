@@ -23,7 +23,7 @@ from ema_identification.actuator.fleet.kept import AGAIN, ALIKE, kept_arrays
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, FleetLibrary
 from ema_identification.actuator.fleet.units import (
     CHUNK,
-    LibrarySizes,
+    FULL,
     draw_fleet_conditions,
     draw_fleet_unit,
     fleet_record,
@@ -149,8 +149,8 @@ def _days(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first: 
 
 
 def with_baselines(
-    library: FleetLibrary, sizes: LibrarySizes, *, seed: int = 0, workers: int = 1,
-    progress: Progress = silent, folder: Path | None = None,
+    library: FleetLibrary, *, seed: int = 0, workers: int = 1, progress: Progress = silent,
+    folder: Path | None = None,
 ) -> tuple[FleetLibrary, float]:
     """Return a library without discrepancy, scored by healthy units beside their earlier records.
 
@@ -158,13 +158,13 @@ def with_baselines(
     feature on average. `folder` : where they are kept if they are new, default the cache.
     """
     def make() -> dict[str, np.ndarray]:
-        first = sizes.total - len(library.aside[0])
+        first = FULL.total - len(library.aside[0])
         of = (library.model, library.spread, library.fmap.profile, library.fmap.rate,
-              tuple(sizes), seed)
+              tuple(FULL), seed)
         part = f"part_changed_{cache.key_of(*map(repr, of), module=__name__)}"
         rows = np.concatenate(spread_out(
             partial(_days, library.model, library.spread, library.fmap, seed),
-            [(k, min(k + CHUNK, sizes.total)) for k in range(first, sizes.total, CHUNK)],
+            [(k, min(k + CHUNK, FULL.total)) for k in range(first, FULL.total, CHUNK)],
             workers=workers, progress=progress, what="healthy runs of another day", keep=part))
         found = _judged(library, rows, progress, workers)
         cache.forget(part)

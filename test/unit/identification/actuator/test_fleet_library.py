@@ -175,7 +175,7 @@ def test_what_is_shipped_of_healthy_units_is_of_the_shipped_libraries(tmp_path, 
         both = joint_unit([held, fitted], scores).library
         assert both.healthy.shape == (FULL.set_aside, 4)
     for unit in units:
-        changed, apart = with_baselines(unit.library, FULL)
+        changed, apart = with_baselines(unit.library)
         assert changed.healthy.shape == (FULL.set_aside, 4) and 0.0 < apart < 2.0
     made = [path.name for path in tmp_path.rglob("*.npz") if not path.name.startswith("agreed_")]
     assert made == []  # python -m ema_identification step extended

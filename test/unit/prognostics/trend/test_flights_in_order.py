@@ -6,7 +6,7 @@ from time import time_ns
 
 import pytest
 
-from ema_prognostics.trend.flights import Flight, by_unit, date_of, in_order, read_flights
+from ema_prognostics.trend.flights import Flight, by_unit, date_of, in_order
 from ema_prognostics.trend.unit_trend import trend_of
 from ema_prognostics.verdict.verdict import Verdict
 from support.flights import flights_of, verdict_of
@@ -101,19 +101,6 @@ def test_in_a_fleet_an_unreadable_flight_belongs_to_nobody():
     found = by_unit([flight("a", 1), flight("b", 0, "", "invalid"), flight("c", 2)], one=False)
     assert [len(flights) for flights in found.values()] == [2, 1]
     assert list(found)[1] == ""
-
-
-def test_every_bag_is_judged_once(tmp_path):
-    seen, done = [], []
-
-    def judge(bag):
-        seen.append(bag)
-        return flight(str(bag), len(seen))
-
-    found = read_flights([tmp_path / "b", tmp_path / "a"], judge, done.append)
-    assert len(seen) == 2
-    assert done == [1, 2]
-    assert [f.number for f in found["SN-1"]] == [1, 2]
 
 
 def test_the_notation_of_these_tests():
