@@ -290,21 +290,16 @@ def profiles() -> list[str]:
     return profile_names()
 
 
-def to_json(
-    source: Source, *, model: Bag | None = None, profile: Bag | None = None
-) -> dict[str, Any]:
-    """Return the JSON object of a verdict, as ``ema check --json`` prints it.
-
-    That of a record has no hash of its bag.
-    """
+def to_json(source: Source, *, model: Bag | None = None, profile: Bag | None = None
+            ) -> dict[str, Any]:
+    """Return the object that ``ema check --json`` prints; that of a record has no SHA-256."""
     from ema_prognostics.verdict.contract import trace_of, verdict_object
 
     judge = _judge(model, None, profile)
-    trace = trace_of(judge.model_sha256)
     if isinstance(source, Record):
         judged = judge.of_record(source, source.provenance.source or "record")
-        return verdict_object(judged, trace, record_sha256="")
-    return verdict_object(judge.of_bag(_text(source)), trace)
+        return verdict_object(judged, trace_of(judge.model_sha256), record_sha256="")
+    return verdict_object(judge.of_bag(_text(source)), trace_of(judge.model_sha256))
 
 
 def _judge(

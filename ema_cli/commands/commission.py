@@ -64,7 +64,7 @@ def commission(
         return 0
     views = found["held_out"][found["profile"]]
     say(f"{out}: kit of {len(found['units'])} units, test {found['profile']}")
-    found_sizes = []
+    found_sizes: list[float | None] = []
     for view, title in (("fleet", "without a baseline"), ("baseline", "with a baseline")):
         one = views[view]
         say(f"  {title}: false alarms {percent(one['false alarms'])}, unknown "

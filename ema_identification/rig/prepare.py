@@ -9,6 +9,7 @@ import numpy as np
 from scipy import signal
 
 from ema_identification.rig.fit.model import Settings
+from ema_identification.rig.fit.sign_flips import LEVEL_OF_CHANCE
 from ema_identification.rig.fit.visible import what_shows
 from ema_identification.rig.signals.agree import ROOM, agreeing_band
 from ema_identification.rig.signals.clocks import earlier, response_band, speed_lag, speed_noise
@@ -148,7 +149,7 @@ def _trajectory(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
     for record in records:
         check_columns(record)
         if record.has(POSITION):
-            check_range(record)
+            check_range(record, LEVEL_OF_CHANCE)
     is_position = not first.has(SPEED)
     longest = max(raw, key=lambda piece: len(piece["time"]))
     band = response_band(longest[POSITION if is_position else SPEED], float(longest["rate"]),

@@ -105,8 +105,9 @@ class VerdictStore:
             found = None if text is None else json.loads(text)
         except (ValueError, RecursionError):
             return None
-        whole = isinstance(found, dict) and found.keys() >= NEEDED
-        return found if whole and found["record_sha256"] == sha256 else None
+        if not isinstance(found, dict) or not found.keys() >= NEEDED:
+            return None
+        return found if found["record_sha256"] == sha256 else None
 
     def put(self, said: Iterable[tuple[str, dict[str, Any]]]) -> None:
         """Keep what was said of bags of these contents, and the hashes that were taken."""

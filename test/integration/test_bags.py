@@ -10,6 +10,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from ema_cli.main import run
+from ema_identification.identify import identify
 from ema_record.bag.read import read_bag
 from ema_record.checks.live import Level, check_record
 from ema_record.kit import share_path
@@ -129,3 +130,13 @@ def test_statuses_of_single_bags(verdicts, capsys):
         expected = {"healthy": 0, "fault": 1, "unknown": 3}[verdicts[name]["verdict"]]
         assert run(["check", str(BAGS / name)]) == expected
     capsys.readouterr()
+
+
+@pytest.mark.slow
+def test_the_worked_example_of_identify():
+    found = identify([read_bag(BAGS / "sim_0005_extended")])
+    assert (found.verdict, found.findings[0].effect) == ("explained", "stribeck_friction")
+    assert found.gap_after < 0.5 * found.gap_before
+    increase, speed = found.findings[0].parameters
+    assert increase.low <= 0.8 <= increase.high and increase.low > 0.0
+    assert speed.low <= 12.0 <= speed.high

@@ -1,9 +1,9 @@
 """Intervals of what was named: its coordinates and the unit's numbers, with a covariance.
 
-A fit gives one point; how far off it may be, the simulator tells. Runs of the named model are
-drawn over all that it may be (first the whole bands, then thrice the spread that those leave), to
-both sides. A plane through them gives mean and slopes, what they leave of it the noise of repeats
-and of all that is not straight (Garcia-Fernandez et al., IEEE Trans. Signal Process. 63, 2015).
+A fit gives one point; how far off it may be, runs of the named model tell: to both sides, first
+over all that it may be, then over thrice what that leaves, or, where it tells nothing, over it
+again. A plane through them gives mean and slopes, what they leave of it the noise of repeats and
+of all that is not straight (Garcia-Fernandez et al., IEEE Trans. Signal Process. 63, 2015).
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from ema_identification.actuator.fleet.surrogate import BEND, shrunk
 from ema_identification.actuator.laws.terms import LawFit, Posterior, bounds, coordinates, moved
 
 RUNS, INTERVAL_ROUNDS, WIDER = 4, 2, 3.0
-"""Budget: runs of a round, a coordinate; rounds; spread of the later ones, of what the one before
-leaves: with so few runs, slopes over twice it drown in noise."""
+"""Budget: runs of the first round, a coordinate, half of those of a later one; rounds; spread of
+these, of what the one before leaves: with so few runs, slopes over twice it drown in noise."""
 LAW_SPREAD, FAR = 1.0 / WIDER, 10.0
 """Spread of the first round about a law, so that it is wide by the law's own size; in itself where
 the library does not know the coordinate. Beyond so many of it the law is not expected."""
@@ -88,11 +88,11 @@ def linearised(unit: TestedUnit, fit: LawFit) -> Iterator[Round]:
     low, high = (np.append(end, np.full(len(fit.z), side) * unit.edge)
                  for end, side in zip(bounds(fit.terms), (-1.0, 1.0)))
     centre = np.append(coordinates(fit.terms), unit.centre)
-    weight = np.append((FAR * spread) ** -2.0, unit.weight)
+    weight = [np.append((far * spread) ** -2.0, unit.weight) for far in (1.0, FAR)]  # first: drawn
     found = Posterior(centre, np.diag(np.append(spread**2, 1.0 / unit.weight)))
     for k in count():
         rng = np.random.default_rng([unit.seed, 68, k])
-        half = rng.standard_normal((RUNS * len(centre) // 4 * 2, len(centre)))
+        half = rng.standard_normal((RUNS * (1 + min(k, 1)) * len(centre) // 4 * 2, len(centre)))
         half = np.linalg.qr(half).Q * np.sqrt(len(half))  # no slope pays for another one
         root = cholesky(found.covariance, lower=True) * (WIDER if k == 1 else 1.0)
         points = np.clip(found.mean + np.vstack([half, -half]) @ root.T, low, high)
@@ -102,7 +102,7 @@ def linearised(unit: TestedUnit, fit: LawFit) -> Iterator[Round]:
         if good.sum() < 2 * len(centre):
             return
         found, slopes = _solved(unit, (points[good], rows[good]), found.mean, (low, high),
-                                (centre, weight))
+                                (centre, weight[min(k, 1)]))
         yield Round(found, points[good], rows[good], slopes)
 
 

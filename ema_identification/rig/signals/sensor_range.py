@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ema_identification.rig.fit.sign_flips import LEVEL_OF_CHANCE
 from ema_record.errors import InvalidRecordError, counted
 from ema_rig.record import POSITION, SPEED, RigRecord
 
@@ -24,8 +23,8 @@ PUSHED = 0.5
 """Midway between no push and the whole one that a bend needs: the likelier of the two."""
 
 
-def check_range(record: RigRecord) -> None:
-    """Refuse a position that is clipped.
+def check_range(record: RigRecord, level: float) -> None:
+    """Refuse a position that is clipped, at a level of chance.
 
     Raises
     ------
@@ -38,7 +37,8 @@ def check_range(record: RigRecord) -> None:
     stays = {side: _stays(side * position) for side in (1.0, -1.0)}
     every = np.concatenate(list(stays.values()))
     for side, own in stays.items():
-        if not any(_leaves_at_speed(position, record.input, own, every, lag) for lag in LAGS):
+        if not any(_leaves_at_speed(position, record.input, own, every, lag, level)
+                   for lag in LAGS):
             continue
         most, unit = side * (side * position).max(), record.axis.position_unit
         share = float(np.mean(position == most))
@@ -58,7 +58,8 @@ def _stays(values: np.ndarray) -> np.ndarray:
 
 
 def _leaves_at_speed(
-    position: np.ndarray, drive: np.ndarray, own: np.ndarray, stays: np.ndarray, lag: int
+    position: np.ndarray, drive: np.ndarray, own: np.ndarray, stays: np.ndarray, lag: int,
+    level: float,
 ) -> bool:
     """Return whether stays end at a speed that the axis was not pushed to.
 
@@ -70,6 +71,8 @@ def _leaves_at_speed(
         At one extreme and at both: first sample, first one after it.
     lag : int
         Samples to either side over which a bend is seen.
+    level : float
+        Of all looks together.
 
     """
     own = own[(own[:, 1] - own[:, 0] >= lag) & (own[:, 1] + lag < len(position))]
@@ -87,7 +90,7 @@ def _leaves_at_speed(
     ranks = np.arange(len(sharp))
     others = np.count_nonzero(elsewhere) // (2 * lag + 1)  # bends that share no sample
     chance = np.prod((len(ends) - ranks) / (others + len(ends) - ranks))
-    if chance * 2 * len(LAGS) > LEVEL_OF_CHANCE or np.count_nonzero(apart) < 2 * lag + 1:
+    if chance * 2 * len(LAGS) > level or np.count_nonzero(apart) < 2 * lag + 1:
         return False
     # A bend is the sum of the accelerations between, weighted by a triangle; so is what drives it.
     push = np.convolve(drive, lag - np.abs(np.arange(1 - lag, lag)), mode="valid")

@@ -95,7 +95,9 @@ def test_read_write_and_diagnose(bag, record, tmp_path):
     verdict = ema.diagnose(record)
     assert verdict == ema.diagnose(str(bag))
     assert repr(verdict) == "<Verdict FAULT: turn short, phase b 9.68 % (8.8 to 10.6)>"
-    assert ema.to_json(bag)["faults"] == verdict.to_dict()["faults"]
+    of_bag, of_record = ema.to_json(bag), ema.to_json(record)
+    assert of_bag["faults"] == of_record["faults"] == verdict.to_dict()["faults"]
+    assert len(of_bag["record_sha256"]) == 64 and of_record["record_sha256"] is None
     assert ema.diagnose("nowhere").outcome == "invalid"
 
 

@@ -118,7 +118,7 @@ def test_a_rest_at_the_end_of_the_travel_is_no_clipped_position(recorded, axis, 
     position = np.r_[0.0, np.cumsum(speed)[:-1]] * 0.004
     record = recorded(0.004 * np.arange(n), 25.0 / samples * a + 0.4 * speed, axis,
                       position=np.round(position / step) * step)
-    check_range(record)
+    check_range(record, 0.005)
 
 
 @pytest.mark.parametrize(("one", "other"), [
