@@ -42,7 +42,7 @@ padding-bottom:.1rem}.wide{overflow:visible}tr,li{break-inside:avoid}}
 </style></head><body>
 <h1>What this built-in test finds</h1>
 <p>{{ type }}. Test <b>{{ v.profile }}</b>. Made from {{ v.records|length }} records of
-{{ v.units|length }} healthy units and trained on {{ v.settings.units + v.settings.healthy }}
+{{ v.units|length }} healthy units and trained on {{ trained }}
 simulated ones{{ " (small training, --quick: rates are poorer than they need be)" if v.quick }};
 {% if v.stricter %}The first thresholds gave more false alarms than a kit may have: they were
 raised with all healthy tests so far, and judged on others. {% endif %}
@@ -130,7 +130,9 @@ def report_page(validation: dict[str, Any]) -> str:
         v=validation, held=held, type=kind, faults=FAULTS, percent=percent, size=number,
         names={name: name_of(name, ENGLISH) for name in FAULTS},
         unit=lambda name: scaled(name, None, ENGLISH)[1], left=_left(validation), views=VIEWS,
-        judged=3 * settings["validation"] + settings["validation_healthy"],
+        trained=sum(settings[k] for k in ("units", "healthy", "strangers")),
+        judged=3 * (settings["validation"] + settings["validation_strangers"])
+        + settings["validation_healthy"],
         alarms=f"{100 * FALSE_ALARMS:g}", most_alarms=f"{100 * MOST_FALSE_ALARMS:g}",
         most_unknown=f"{100 * MOST_UNKNOWN:g}", noticed=f"{100 * NOTICED:g}", spread=_spread,
         unknown=validation["healthy_left_out_unknown"]["hits"],

@@ -46,7 +46,8 @@ def validation(**changes: Any) -> dict[str, Any]:
     actuator = {n: p._asdict() for n, p in load_actuator()._asdict().items()}
     return {
         "profile": "extended", "records": [{}] * 8, "units": ["a", "b"], "quick": False,
-        "settings": {"units": 700, "healthy": 900, "validation": 150, "validation_healthy": 400},
+        "settings": {"units": 700, "healthy": 900, "strangers": 350, "validation": 150,
+                     "validation_healthy": 400, "validation_strangers": 50},
         "software_version": "1.2.3", "held_out": {"extended": {"fleet": view, "baseline": view}},
         "bound": {"fleet": {"friction": 0.2}, "baseline": {}}, "guard_widened": 1.25,
         "strangers_widened": 1.1,
@@ -91,7 +92,8 @@ def words(page: str) -> str:
 def test_the_page_says_what_a_buyer_asks() -> None:
     said = words(report_page(validation()))
     for part in (
-        "850 other simulated tests", "healthy called a fault 0.2 % (0.0–1.4) of 400",
+        "trained on 1950 simulated ones", "1000 other simulated tests",
+        "healthy called a fault 0.2 % (0.0–1.4) of 400",
         "healthy called unknown 0.8 %", "acceptance records called unknown 1 of 8 5 %",
         "widened 1.25 times", "turn short, % of the turns 2 3.1 – 2 3.1 –",
         "friction, % increase 2 3.1 20 2 3.1 –", "its phase 100 % (88–100)",
