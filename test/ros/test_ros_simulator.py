@@ -150,12 +150,13 @@ def test_a_node_that_ends_at_its_start_is_told_at_once(nodes, watcher):
 
 @pytest.mark.parametrize(("name", "value", "hint"), [
     ("turn_short__fractoin", 0.1, "did you mean 'turn_short.fraction'"),
-    ("turn_short__fraction", 2.0, "0 to 0.9"),
-    ("rotor_eccentricity__mode", "papr", "did you mean 'paper'"),
-    ("noise", "much", "expected float"),
     ("noise", "[]", "a parameter has no value"),
-    ("use_sim_time", "true", "use_sim_time: true is not supported"),
-    ("model_file", "/nonexistent/model.yaml", "/nonexistent/model.yaml"),
+    *(pytest.param(*case, marks=pytest.mark.slow) for case in (
+        ("turn_short__fraction", 2.0, "0 to 0.9"),
+        ("rotor_eccentricity__mode", "papr", "did you mean 'paper'"),
+        ("noise", "much", "expected float"),
+        ("use_sim_time", "true", "use_sim_time: true is not supported"),
+        ("model_file", "/nonexistent/model.yaml", "/nonexistent/model.yaml"))),
 ])
 def test_a_wrong_parameter_is_one_line_and_status_2(nodes, name, value, hint):
     process = nodes.start(SIMULATOR, **{name: value})

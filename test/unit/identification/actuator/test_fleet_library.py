@@ -132,6 +132,7 @@ def shipped(request):
     return from_arrays(kept, MODEL, SPREAD, fmap), kept
 
 
+@pytest.mark.slow
 def test_the_shipped_library_is_of_this_code(shipped):
     """Its runs, statistics and ranks come out again: else it is to be made anew."""
     library, kept = shipped

@@ -61,7 +61,7 @@ def test_a_load_on_a_spring_is_named_with_its_resonance(bench):
     assert values(found, "compliance.load_inertia").value == pytest.approx(0.03, rel=0.03)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])
 @pytest.mark.parametrize("frequency", [5.0, 7.0])
 def test_a_load_on_a_spring_far_below_its_resonance_is_named_with_what_is_seen_of_it(
         bench, frequency, seed):

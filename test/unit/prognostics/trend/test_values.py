@@ -73,7 +73,7 @@ def test_few_records_give_a_value_and_no_rate():
     assert found.to_dict()["growth"] is None
 
 
-@pytest.mark.parametrize("noise", ["normal", "heavy"])
+@pytest.mark.parametrize("noise", ["normal", pytest.param("heavy", marks=pytest.mark.slow)])
 def test_chance_is_called_a_change_no_more_often_than_it_says(noise):
     rng = np.random.default_rng(91_007)
     count = 400
