@@ -152,14 +152,18 @@ def test_two_effects_have_p_values_places_and_gaps_of_their_own():
 
 
 def test_the_interval_of_a_short_allows_for_the_constant_that_its_phase_had():
-    found = identify([record(["turn_short.fraction=0.06", "turn_short.phase=a"],
-                             back_emf_deviation_a=0.004)])
-    (finding,) = found.findings
-    assert finding.effect == "turn_short"
-    assert finding.choices["turn_short.phase"] == "a"
-    (fraction,) = (p for p in finding.parameters if p.name == "turn_short.fraction")
-    assert fraction.low <= 0.06 <= fraction.high
-    assert 0.002 < fraction.high - fraction.low < 0.03
+    """Intervals of 90 % hold the size in four of six units, but for one draw of these in 60."""
+    held = 0
+    for seed in range(11, 17):
+        found = identify([record(["turn_short.fraction=0.06", "turn_short.phase=a"], seed=seed,
+                                 back_emf_deviation_a=0.004)])
+        (finding,) = found.findings
+        assert finding.effect == "turn_short"
+        assert finding.choices["turn_short.phase"] == "a"
+        (fraction,) = (p for p in finding.parameters if p.name == "turn_short.fraction")
+        held += fraction.low <= 0.06 <= fraction.high
+        assert 0.002 < fraction.high - fraction.low < 0.03
+    assert held >= 4
 
 
 def test_the_same_seed_gives_the_same_answer_in_any_number_of_threads(offset):

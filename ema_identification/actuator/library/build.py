@@ -169,7 +169,8 @@ def fleet_library(
                     return known if signatures else replace(known, signatures=())
     found = _built(model, spread, fmap, sizes, signatures, seed, workers, progress)
     cache.save(names[-1], signed(found, seed=seed, workers=workers), folder, compressed=True)
-    return found
+    kept = cache.load(names[-1], folder)  # as a later use has it, in the order of its elements too
+    return found if kept is None else from_arrays(kept, model, spread, fmap)
 
 
 def _built(
