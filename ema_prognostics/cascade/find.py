@@ -165,7 +165,7 @@ class Cascade:
         self._strangers = (
             None if view.strangers is None else StrangerFilters(view.strangers))
 
-    @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # which the end asks for
+    @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # NaN is refused below
     def find(self, x: np.ndarray, *, exact: bool = True) -> list[Detection]:
         """Return what the cascade says of each row of features `x`, shape (n, d).
 

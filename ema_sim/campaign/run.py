@@ -174,9 +174,12 @@ def _stack(made: list[dict[str, np.ndarray] | None]) -> Columns:
     """Return results as columns; NaN where a run failed."""
     good = [m for m in made if m is not None]
     columns: Columns = {}
+    if any(m.keys() != good[0].keys() for m in good):
+        raise UsageError("the reduction gives other names in some runs: let it give NaN for what "
+                         "a run does not have")
     for name in good[0] if good else ():
         shape = good[0][name].shape
-        if any(name not in m or m[name].shape != shape for m in good):
+        if any(m[name].shape != shape for m in good):
             raise UsageError(
                 f"the reduction's {name!r} has another shape in some runs: let it pad the array"
             )

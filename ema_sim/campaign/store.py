@@ -177,8 +177,8 @@ def merge(chunks: Sequence[Columns]) -> Columns:
                 pieces.append(chunk[name])
             elif not chunk["failed"].all():
                 raise UsageError(f"{name}: missing of runs from number {chunk['run'][0]} on, "
-                                 "which did not fail: delete their file in "
-                                 f"{CHUNKS}/ and repeat")
+                                 "which did not fail: let the reduction give the same names for "
+                                 f"every run, or, of a folder that was edited, delete {CHUNKS}/")
             else:
                 pieces.append(np.full((len(chunk["run"]), *shapes[name].shape[1:]), np.nan))
         if any(p.shape[1:] != pieces[0].shape[1:] for p in pieces):

@@ -88,7 +88,7 @@ def linearised(unit: TestedUnit, fit: LawFit) -> Iterator[Round]:
     low, high = (np.append(end, np.full(len(fit.z), side) * unit.edge)
                  for end, side in zip(bounds(fit.terms), (-1.0, 1.0)))
     centre = np.append(coordinates(fit.terms), unit.centre)
-    weight = [np.append((far * spread) ** -2.0, unit.weight) for far in (1.0, FAR)]  # first: drawn
+    weights = [np.append((far * spread) ** -2.0, unit.weight) for far in (1.0, FAR)]  # by round
     found = Posterior(centre, np.diag(np.append(spread**2, 1.0 / unit.weight)))
     for k in count():
         rng = np.random.default_rng([unit.seed, 68, k])
@@ -102,7 +102,7 @@ def linearised(unit: TestedUnit, fit: LawFit) -> Iterator[Round]:
         if good.sum() < 2 * len(centre):
             return
         found, slopes = _solved(unit, (points[good], rows[good]), found.mean, (low, high),
-                                (centre, weight[min(k, 1)]))
+                                (centre, weights[min(k, 1)]))
         yield Round(found, points[good], rows[good], slopes)
 
 

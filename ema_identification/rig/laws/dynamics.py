@@ -85,6 +85,11 @@ def resonances_grid(trajectory: Trajectory) -> Sequence[Shape]:
                  for f in np.geomspace(0.05 * trajectory.band, 0.5 * trajectory.band, 12))
 
 
+def _snap(segment: Segment) -> np.ndarray:
+    """Return the second derivative of the acceleration, shape (n,)."""
+    return derivative(derivative(segment.acceleration, segment.step), segment.step)
+
+
 def _lagging_load(segment: Segment, _trajectory: Trajectory, shape: Shape) -> Sequence[np.ndarray]:
     """Return the acceleration of a load on a spring less that of the drive."""
     omega, damping = 2.0 * np.pi * shape[0], shape[1]
@@ -165,8 +170,7 @@ QUASI_STATIC_COMPLIANCE = Law(
     equation="u = J a - c a'', c = J_l / ω², the first term of Taylor's series of a compliance",
     reference="Ellis, Lorenz 2000, IEEE IAS Annual Meeting (two-mass drives)",
     against="frequency", coefficients=("value",), units={"value": "u*s²/a"},
-    columns=lambda segment, _t, _s: (
-        -derivative(derivative(segment.acceleration, segment.step), segment.step),),
+    columns=lambda segment, _t, _s: (-_snap(segment),),
     dynamic=True, positive=True, excludes=("compliance", "load_side_compliance"),
     equivalent=lambda _axis, _shape: ("compliance",),
 )
@@ -184,8 +188,7 @@ LOAD_SIDE_COMPLIANCE = Law(
     equation="u = J a + c a'', c = J_1 J_2 / k; resonance at √(J / c)",
     reference="Ellis, Lorenz 2000, IEEE IAS Annual Meeting (two-mass drives)",
     against="frequency", coefficients=("value",), units={"value": "u*s²/a"},
-    columns=lambda segment, _t, _s: (
-        derivative(derivative(segment.acceleration, segment.step), segment.step),),
+    columns=lambda segment, _t, _s: (_snap(segment),),
     dynamic=True, positive=True, excludes=("compliance", "quasi_static_compliance"),
 )
 PERIODIC_DISTURBANCE = Law(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ema_record.errors import OutputError, UsageError
+from ema_sim.campaign.run import _stack
 from ema_sim.campaign.store import CampaignFolder, load_campaign, manifest_of, merge
 
 MANIFEST = manifest_of("abc", {}, "summary", "def", 4, 2)
@@ -120,3 +121,14 @@ def test_foreign_names_in_the_folder_and_a_pipe_for_the_table(tmp_path):
     os.mkfifo(tmp_path / "table.csv")
     with pytest.raises(OutputError, match=r"table\.csv: exists"):
         folder.finish(chunk(0))
+
+
+@pytest.mark.parametrize("others", [{"x": 1.0}, {"x": 1.0, "y": 2.0, "z": 3.0}, {}])
+def test_no_result_of_a_run_is_left_out_without_a_word(others):
+    def made(values):
+        return {name: np.array(value) for name, value in values.items()}
+
+    first = made({"x": 0.0, "y": 0.0})
+    assert _stack([first, None, first])["results.y"].shape == (3,)
+    with pytest.raises(UsageError, match="other names in some runs"):
+        _stack([first, made(others)])
