@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import cholesky
-from scipy.optimize import minimize_scalar
+from scipy.optimize import Bounds, minimize
 
 from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
 from ema_identification.actuator.decision.intervals import at
@@ -34,9 +34,10 @@ from ema_sim.machine import TURN
 
 DAY_STEPS = 2
 """Of a fit of what belongs to the day, in which the quadratic is nearly straight."""
-DRAWS, LOADS = 3 * SETTLED_RUNS, 12
-"""Budget: runs over what the fitted records leave open; loads that are tried."""
-LOAD = [t.name for t in TOLERANCES].index("surface_load.constant")
+DRAWS, DAYS, TWISTS = 3 * SETTLED_RUNS, 40, np.linspace(-1.0, 1.0, 5)
+"""Budget: runs over what the fitted records leave open; days that are tried, first twists."""
+LETS_GO = [[t.name for t in TOLERANCES].index("surface_load.constant"), -2, -1]
+"""Numbers of a day that friction answers: load, and how surface and shaft stand at the start."""
 
 
 class _Predicted(NamedTuple):
@@ -72,7 +73,7 @@ class HeldOut:
         if not null.runs and len(models) == 1:
             return replace(quadratic_gap(unit, self.fitted, null, edge), healthy=self.healthy)
         bound = float(np.quantile(self.healthy, SURE))
-        turned = [[_best_load(_nearest_turn(part, m, edge), m, bound) for part in unit.parts]
+        turned = [[_best_day(_nearest_turn(part, m, edge), m, bound) for part in unit.parts]
                   for m in models]
         if known is not None:
             turned[-1] = [min(one, _expected(one, models[-1], known, edge), key=_off)
@@ -186,29 +187,33 @@ def _nearest_turn(unit: TestedUnit, fit: LawFit, edge: float) -> _Predicted:
     return _Predicted(best.unit, there, mean, reach) if np.isfinite(mean).all() else best
 
 
-def _best_load(found: _Predicted, fit: LawFit, bound: float) -> _Predicted:
-    """Return a prediction under the load of the day that leaves least, where its own leaves much.
+def _best_day(found: _Predicted, fit: LawFit, bound: float) -> _Predicted:
+    """Return a prediction on the day that leaves least, where its own leaves much.
 
     Slopes do not lead there where something lets go: from some load on the surface turns the
-    motor. Nothing has the same chance as a law, or that would have the credit of the load.
+    motor, from some twist on it slips as the test begins. From the best of a few twists a simplex
+    looks for it (Nelder and Mead 1965). Nothing has the same chance as a law, or that would have
+    the credit of the day.
     """
     unit = found.unit
     if worst([_day_fitted(unit, found, _root(unit))[1]])[0] <= bound:
         return found
 
-    def under(load: float) -> _Predicted:
+    def on(day: np.ndarray) -> _Predicted:
         z = found.z.copy()
-        z[LOAD] = load
+        z[LETS_GO] = day
         return _Predicted(unit, z, unit.run(fit.terms, z, SETTLED_RUNS, salt=21), found.reach)
 
-    def off(load: float) -> float:
-        rest = (unit.values - under(load).mean) / _root(unit)
-        return float(np.log1p(np.nan_to_num(rest, nan=np.inf) ** 2).sum())
+    def off(day: np.ndarray) -> float:
+        return _off(on(day))
 
-    best = minimize_scalar(
-        off, bounds=(-found.reach[LOAD], found.reach[LOAD]), method="bounded",
-        options={"maxiter": LOADS}).x
-    return min(found, under(float(best)), key=_off)
+    own, reach = found.z[LETS_GO], found.reach[LETS_GO]
+    begin = min([own, *(np.append(own[:-1], twist) for twist in TWISTS)], key=off)
+    inwards = begin - np.diff(TWISTS)[0] / 2.0 * np.diag(np.where(begin > 0.0, reach, -reach))
+    best = minimize(
+        off, begin, method="Nelder-Mead", bounds=Bounds(-reach, reach),
+        options={"maxfev": DAYS, "initial_simplex": np.vstack([begin, inwards])}).x
+    return min(found, on(best), key=_off)
 
 
 def _off(predicted: _Predicted) -> float:
