@@ -133,8 +133,7 @@ def _complain(text: str) -> None:
 
 def print_json(value: object) -> None:
     """Print `value` as one line of JSON; numbers that are not finite become null."""
-    narrow = (sys.stdout.encoding or "").lower().replace("-", "") != "utf8"
-    text = json.dumps(_plain(value), allow_nan=False, ensure_ascii=narrow)
+    text = json.dumps(_plain(value), allow_nan=False, ensure_ascii=not unicode_output())
     print(neutral(text), flush=True)  # inside strings JSON has the same escapes
 
 

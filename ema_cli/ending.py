@@ -114,7 +114,6 @@ _REMEDIES = {
     errno.ENAMETOOLONG: "choose a shorter name",
 }
 
-
 _ROS_MODULES = frozenset(
     {"rclpy", "std_msgs", "sensor_msgs", "geometry_msgs", "trajectory_msgs", "diagnostic_msgs",
      "builtin_interfaces", "rcl_interfaces"}

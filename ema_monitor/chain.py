@@ -48,7 +48,6 @@ class ActuatorTest:
     """
 
     def __init__(self, node: AircraftNode, limit: float) -> None:
-        """Ask for the test."""
         self._node, self._limit = node, limit
         self._begin = self._tested = time.monotonic()
         self._answer = node.call_self_test()
@@ -96,7 +95,6 @@ class Chain:
     def __init__(
         self, supervisor: Supervisor, note: Callable[[str], None], *, with_drivers: bool = False
     ) -> None:
-        """Begin without nodes."""
         self._supervisor, self._note = supervisor, note
         self._with_drivers = with_drivers
         self._nodes: dict[str, AircraftNode] = {}

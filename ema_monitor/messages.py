@@ -62,7 +62,6 @@ class Request:
     """A caller of the service, waiting for the end of its test."""
 
     def __init__(self) -> None:
-        """Begin to wait."""
         self.asked = time.monotonic()
         self.ended = Future()
         """Its result: why the test did not run to its end; empty: it did."""
@@ -95,7 +94,6 @@ class VerdictKeeper:
     """
 
     def __init__(self, node: Node, group: PolledGroup, *, wanted: bool) -> None:
-        """Listen; no record yet."""
         self._logger = node.get_logger()
         self.subscription = make_polled_subscription(node, VERDICT, group)
         self._topic = replace(

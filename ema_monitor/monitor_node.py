@@ -87,7 +87,6 @@ class MonitorNode(EmaNode):
     name = "ema_monitor"
 
     def __init__(self, stop: StopSignal) -> None:
-        """Read the parameters."""
         super().__init__(stop)
         self._values = declare_parameters(self, SPECS)
         self._serial = str(self._values["serial_number"])

@@ -54,7 +54,6 @@ class LogClock:
     def __init__(
         self, wall: Callable[[], int] = time.time_ns, steady: Callable[[], float] = time.monotonic
     ) -> None:
-        """Begin with the time of the host."""
         self._wall, self._steady = wall, steady
         self._begin, self._origin = wall(), steady()
         self._last: dict[str, int] = {}

@@ -107,7 +107,6 @@ class TestSequence:
         self, profile: Profile, actuator: Actuator, *, stream_timeout: float = 5.0,
         test_timeout: float = 120.0,
     ) -> None:
-        """Begin idle."""
         self._end_stop = actuator.surface.end_stop
         profile.check_within(self._end_stop)
         self.profile = profile

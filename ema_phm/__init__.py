@@ -56,7 +56,6 @@ __all__ = [  # noqa: RUF022  (what is used first stands first)
 
 
 def __getattr__(name: str) -> object:
-    """Load what is asked for."""
     if name not in _PLACES:
         near = [known for known in __all__ if known.startswith(name[:3])]
         raise AttributeError(f"module 'ema_phm' has no {name!r}: it has "
@@ -68,5 +67,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """Return the names, loaded or not."""
     return sorted(__all__)

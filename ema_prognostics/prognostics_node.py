@@ -72,7 +72,6 @@ class PrognosticsNode(EmaNode):
     name = "ema_prognostics"
 
     def __init__(self, stop: StopSignal) -> None:
-        """Read the parameters."""
         super().__init__(stop)
         self._values = declare_parameters(self, SPECS)
         self._done: deque[str] = deque(maxlen=REMEMBERED)

@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
-from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, Field, TypeAdapter
 
 from ema_record.channels import (
     ALL,
@@ -22,7 +22,7 @@ from ema_record.channels import (
     ROTOR_ANGLE,
     SURFACE_POSITION,
 )
-from ema_record.errors import UsageError, first_problem, unknown_name
+from ema_record.errors import UsageError, unknown_name, validated
 from ema_record.kit import ACTUATOR, kit_file
 from ema_record.limits import MAX_POSITION
 from ema_record.yaml_file import load_yaml
@@ -337,8 +337,5 @@ def _check_sections(data: Mapping[str, Any], where: str) -> dict[str, Mapping[st
 
 def _checked(section: str, values: Mapping[str, Any], where: str) -> Any:
     """Return a section of those values; UsageError where one is out of its bounds."""
-    try:
-        return _ADAPTERS[section].validate_python(dict(values))
-    except ValidationError as error:
-        text = first_problem(error, f"{where}: {section}", section, f"see {NOMINAL}")
-        raise UsageError(text) from None
+    return validated(_ADAPTERS[section].validate_python, dict(values), f"{where}: {section}",
+                     section, f"see {NOMINAL}")

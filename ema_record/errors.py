@@ -17,14 +17,14 @@ Tree::
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from types import ModuleType
 
-    from pydantic import ValidationError
+_Model = TypeVar("_Model")
 
 
 class EmaError(Exception):
@@ -101,13 +101,14 @@ def bounded(name: str, value: object, lower: float, upper: float, unit: str = ""
     return number
 
 
-def library(name: str, purpose: str, instead: str) -> ModuleType:
-    """Return a library that is not needed otherwise; UsageError where it is not installed."""
+def library(name: str, purpose: str, instead: str, extra: str = "") -> ModuleType:
+    """Return a library, of our `extra`, needed by few; UsageError where it is not installed."""
     try:
         return import_module(name)
     except ImportError:
+        wheel = f"'ema_phm[{extra}]'" if extra else name
         raise UsageError(f"{purpose} needs the package {name}, which is not installed: "
-                         f"pip install {name}, or {instead}") from None
+                         f"pip install {wheel}, or {instead}") from None
 
 
 def counted(number: int, thing: str) -> str:
@@ -115,21 +116,28 @@ def counted(number: int, thing: str) -> str:
     return f"{number} {thing}{'' if number == 1 else 's'}"
 
 
-def first_problem(
-    error: ValidationError, where: str, whole: str, remedy: str, *, branch: str = ""
-) -> str:
-    """Return the first problem that pydantic found as one line: where, field, what, value, remedy.
+def validated(
+    validate: Callable[[Any], _Model], data: object, where: str, whole: str, remedy: str, *,
+    branch: str = "", kind: type[EmaError] = UsageError,
+) -> _Model:
+    """Return what pydantic makes of data; its first problem is one line.
 
     Parameters
     ----------
-    error : as raised.
+    validate : of a model or a type adapter.
     where : the file or topic that the data come from.
     whole : name of the whole, where no field of it is to blame.
     remedy : what to do, or where the form is shown.
     branch : of a union pydantic reports every branch; a problem in the one of this name says the
         most.
+    kind : of the error: where, field, what, value, remedy.
     """
-    problems = error.errors()
+    from pydantic import ValidationError
+
+    try:
+        return validate(data)
+    except ValidationError as error:
+        problems = error.errors()
 
     def is_branch(part: object) -> bool:
         return str(part) == branch or str(part).endswith(f", {branch}]")  # with a validator
@@ -144,4 +152,4 @@ def first_problem(
     }.get(first["type"], first["msg"].removeprefix("Value error, "))
     what = what.replace("Input should", "must", 1)
     value = "" if isinstance(first["input"], dict) else f" (value {str(first['input'])[:60]})"
-    return f"{where}: {place[:120]}: {what}{value}: {remedy}"
+    raise kind(f"{where}: {place[:120]}: {what}{value}: {remedy}")

@@ -9,7 +9,7 @@ import os
 import secrets
 import shutil
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -94,17 +94,18 @@ def _made_again(path: Path) -> BinaryIO:
 
 
 @contextlib.contextmanager
-def new_file(path: Path) -> Iterator[Path]:
+def new_file(path: Path, is_own: Callable[[Path], bool] = lambda _: False) -> Iterator[Path]:
     """Give an empty temporary file beside `path` to write to; it gets that name on success.
 
-    Whatever takes the name meanwhile stays as it is.
+    Only a file for which `is_own` holds is replaced; whatever else takes the name meanwhile
+    stays as it is.
 
     Raises
     ------
     OutputError
         `path` exists, or cannot be written.
     """
-    if os.path.lexists(path):
+    if os.path.lexists(path) and not is_own(path):
         raise exists(path)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
     try:
@@ -112,7 +113,10 @@ def new_file(path: Path) -> Iterator[Path]:
         yield temporary
         with temporary.open("rb") as file:
             os.fsync(file.fileno())
-        _give_name(temporary, path)
+        if is_own(path):
+            temporary.replace(path)
+        else:
+            _give_name(temporary, path)
         sync_directory(path.parent)
     except FileExistsError:
         raise exists(path) from None

@@ -28,7 +28,6 @@ SHIPPED = "config"
 ACTUATOR, PROFILES, CASCADE = "actuator.yaml", "profiles", "cascade.json"
 LIBRARY, VALIDATION, REPORT = "library", "validation.json", "report.html"
 
-
 PACKAGE = "ema_phm"
 
 

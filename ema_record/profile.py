@@ -28,10 +28,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from ema_record.actuator import load_actuator
-from ema_record.errors import UsageError, first_problem, unknown_name
+from ema_record.errors import UsageError, unknown_name, validated
 from ema_record.kit import PROFILES, kit_name, kit_path
 from ema_record.limits import MAX_DURATION, MAX_POSITION
 from ema_record.yaml_file import load_yaml
@@ -154,10 +154,7 @@ def load_profile_dict(data: object, where: str) -> Profile:
     """
     if isinstance(data, Mapping) and _has_moves(data):
         data = _in_seconds(data, where)
-    try:
-        return Profile.model_validate(data)
-    except ValidationError as error:
-        raise UsageError(first_problem(error, where, "profile", SEE)) from None
+    return validated(Profile.model_validate, data, where, "profile", SEE)
 
 
 def _has_moves(data: Mapping[str, Any]) -> bool:

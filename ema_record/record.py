@@ -119,7 +119,6 @@ class Record:
             )
 
     def __len__(self) -> int:
-        """Return the number of samples."""
         return len(self.samples)
 
     @property
@@ -168,7 +167,6 @@ class Record:
         }
 
     def __repr__(self) -> str:
-        """Return one line: unit, test, size."""
         facts = self._facts()
         return (f"<Record {facts['serial_number']}, {facts['profile']}: {len(self)} samples in "
                 f"{self.duration:.4g} s, {facts['status']}>")

@@ -20,10 +20,10 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from ema_record.actuator import NOMINAL, quantity, sections_of
-from ema_record.errors import UsageError, first_problem, unknown_name
+from ema_record.errors import UsageError, unknown_name, validated
 from ema_record.kit import ACTUATOR, kit_file
 
 
@@ -116,11 +116,8 @@ def _section(part: type[_Part], name: str, data: Mapping[str, Any], where: str) 
         if key not in part._fields:
             raise unknown_name(f"parameter of {name} in {where}", str(key), part._fields,
                                f"see {NOMINAL}")
-    try:
-        found = TypeAdapter(part).validate_python(dict(values))
-    except ValidationError as error:
-        text = first_problem(error, f"{where}: {name}", name, f"see {NOMINAL}")
-        raise UsageError(text) from None
+    found = validated(TypeAdapter(part).validate_python, dict(values), f"{where}: {name}", name,
+                      f"see {NOMINAL}")
     if isinstance(found, Conditions):
         for what in ("temperature", "noise"):
             least, most = getattr(found, f"{what}_least"), getattr(found, f"{what}_most")

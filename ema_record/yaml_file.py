@@ -68,14 +68,13 @@ def _check_structure(text: str) -> None:
         tag = getattr(event, "tag", None)
         if tag is not None:
             raise _refused(f"the tag {tag[-60:]!r} is not allowed: leave it out", event)
-        if (isinstance(event, yaml.ScalarEvent) and event.implicit[0]
-                and _OTHER_BASE.match(event.value)):
-            raise _refused(f"{event.value[:60]!r} could be a number of base 8 or 60: write a "
-                           "decimal one, or a text in quotes", event)
-        if (isinstance(event, yaml.ScalarEvent) and event.implicit[0]
-                and len(event.value) > MAX_DIGITS and _WHOLE.match(event.value)):
-            raise _refused(f"a number of {len(event.value)} characters, at most {MAX_DIGITS}: "
-                           "write a smaller one, or a text in quotes", event)
+        bare = event.value if isinstance(event, yaml.ScalarEvent) and event.implicit[0] else ""
+        if _OTHER_BASE.match(bare):
+            raise _refused(f"{bare[:60]!r} could be a number of base 8 or 60: write a decimal "
+                           "one, or a text in quotes", event)
+        if len(bare) > MAX_DIGITS and _WHOLE.match(bare):
+            raise _refused(f"a number of {len(bare)} characters, at most {MAX_DIGITS}: write a "
+                           "smaller one, or a text in quotes", event)
         if isinstance(event, yaml.CollectionEndEvent):
             keys.pop()
             at_key.pop()

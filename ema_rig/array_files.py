@@ -21,7 +21,7 @@ from joblib import Parallel, delayed
 from scipy.io import loadmat, whosmat
 
 from ema_record.array_cache import DAMAGED
-from ema_record.errors import InvalidRecordError, UsageError
+from ema_record.errors import InvalidRecordError, UsageError, library
 from ema_rig.hdf5 import NUMERIC, read_hdf5
 from ema_rig.table import (
     MAX_FILE_BYTES,
@@ -51,7 +51,6 @@ def read_mat(path: Path, needed: Sequence[str | int] | None) -> Table:
     ------
     InvalidRecordError
         Damaged, too large, or a variable that is no array of numbers.
-
     """
     with path.open("rb") as stream:
         head = stream.read(520)
@@ -161,7 +160,6 @@ def read_npz(path: Path, needed: Sequence[str | int] | None) -> Table:
     ------
     InvalidRecordError
         Damaged, too large, or an array that is not of numbers.
-
     """
     columns: dict[str, np.ndarray] = {}
     try:
@@ -206,14 +204,10 @@ def read_parquet(path: Path, needed: Sequence[str | int] | None) -> Table:
         pyarrow is not installed.
     InvalidRecordError
         Damaged, too large, or a column that is neither of numbers, times nor words.
-
     """
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError:
-        raise UsageError(f"{path}: Parquet needs the package pyarrow, which is not installed: pip "
-                         "install 'ema_phm[export]', or save the table as CSV") from None
+    pa = library("pyarrow", f"{path}: Parquet", "save the table as CSV", "export")
+    import pyarrow.parquet as pq
+
     try:
         with pq.ParquetFile(path) as file:
             names = file.schema_arrow.names

@@ -10,14 +10,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from pydantic import ValidationError
 
 from ema_record.bag.container import BagContent, read_content
 from ema_record.bag.metadata import RIG
 from ema_record.bag.read import read_bag
 from ema_record.bag.writer import RawBag
 from ema_record.channels import Channel
-from ema_record.errors import InvalidRecordError, first_problem
+from ema_record.errors import InvalidRecordError, validated
 from ema_record.profile import load_profile
 from ema_record.record import Record
 from ema_record.version import VERSION
@@ -36,7 +35,6 @@ def write_rig_bag(record: RigRecord, path: str | Path) -> Path:
     ------
     OutputError
         `path` exists, or cannot be written.
-
     """
     bag = RawBag(
         path, topics=[TOPICS[SAMPLES]],
@@ -66,7 +64,6 @@ def read_rig_bag(path: str | Path) -> RigRecord:
         No bag, damaged, or not a rig's.
     IncompleteRecordError
         The recording was cut.
-
     """
     source = str(path)
     content = read_content(Path(path), frozenset({SAMPLES}))
@@ -101,12 +98,9 @@ def _axis(content: BagContent, source: str) -> Axis:
             f"{source}: does not describe a rig (no metadata record {RIG!r}): it may be a bag of "
             "the actuator's own test; import a rig's file with 'ema import'"
         )
-    try:
-        return Axis.model_validate_json(values.get("axis", ""))
-    except ValidationError as error:
-        text = first_problem(error, source, "description of the axis",
-                             "the bag was edited or damaged")
-        raise InvalidRecordError(text) from None
+    return validated(Axis.model_validate_json, values.get("axis", ""), source,
+                     "description of the axis", "the bag was edited or damaged",
+                     kind=InvalidRecordError)
 
 
 def read_any(path: str | Path, profile: str | Path | None = None) -> Record | RigRecord:

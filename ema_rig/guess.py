@@ -75,7 +75,6 @@ def guess_map(
     UsageError, InvalidRecordError
         As `import_file`; the topic or the joint has to be chosen, or no column looks like what
         drives the axis or how it moves: the error lists what there is.
-
     """
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", path.name.split(".")[0])[:64].strip("-") or "rig"
     if is_bag(path):

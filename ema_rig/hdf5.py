@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ema_record.errors import InvalidRecordError, RecordError, UsageError
+from ema_record.errors import InvalidRecordError, RecordError, UsageError, library
 from ema_rig.table import (
     MAX_COLUMNS,
     MAX_FILE_BYTES,
@@ -62,14 +62,8 @@ def read_hdf5(path: Path, needed: Sequence[str | int] | None) -> Table:
         h5py is not installed; a column by number.
     InvalidRecordError
         Damaged, too large, or a dataset that is no array of numbers.
-
     """
-    try:
-        import h5py
-    except ImportError:
-        raise UsageError(f"{path}: HDF5 (also MATLAB 7.3) needs the package h5py, which is not "
-                         "installed: pip install 'ema_phm[export]', or save the data as CSV"
-                         ) from None
+    h5py = library("h5py", f"{path}: HDF5 (also MATLAB 7.3)", "save the data as CSV", "export")
     try:
         with h5py.File(path, "r") as file:
             return _table(dict(_leaves(file, str(path))), path, needed)
@@ -191,9 +185,7 @@ class MatlabObjects:
 
     Parameters
     ----------
-    file : h5py.File
-        With the group ``#subsystem#``.
-
+    file : with the group ``#subsystem#``.
     """
 
     def __init__(self, file: Any) -> None:

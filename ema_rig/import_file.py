@@ -56,10 +56,8 @@ def import_file(path: str | Path, rig_map: RigMap) -> RigRecord | Record:
 
     Parameters
     ----------
-    path : path-like
-        The file.
-    rig_map : RigMap
-        Which column is what.
+    path : the file.
+    rig_map : which column is what.
 
     Returns
     -------
@@ -71,7 +69,6 @@ def import_file(path: str | Path, rig_map: RigMap) -> RigRecord | Record:
     ------
     InvalidRecordError, UsageError
         Damaged, too large, a column is missing or its unit wrong, time does not increase.
-
     """
     source = str(path)
     if rig_map.axis == "actuator":
@@ -116,12 +113,9 @@ def read_table(path: Path, text_format: TextFormat, needed: Sequence[str | int] 
 
     Parameters
     ----------
-    path : Path
-        Known by its suffix; text may be compressed by gzip.
-    text_format : TextFormat
-        How text is laid out, where that is known.
-    needed : sequence of str or int, or None
-        Columns that are wanted, all where None; a file is read no further.
+    path : known by its suffix; text may be compressed by gzip.
+    text_format : how text is laid out, where that is known.
+    needed : columns that are wanted, all where None; a file is read no further.
 
     Raises
     ------
@@ -129,7 +123,6 @@ def read_table(path: Path, text_format: TextFormat, needed: Sequence[str | int] 
         Damaged, too large, or of a kind that cannot be read safely.
     UsageError
         Not one of these kinds, or not there.
-
     """
     if path.is_dir() or is_bag(path):
         raise UsageError(f"{path}: a bag of ROS 2 needs 'bag: {{topic: /joint_states, joint: ...}}"

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ema_record.channels import CHANNEL_NAMES, TIME, what_lacks
-from ema_record.errors import UsageError, first_problem
+from ema_record.errors import UsageError, validated
 from ema_record.yaml_file import load_yaml
 from ema_rig.record import InputQuantity
 
@@ -194,7 +194,6 @@ def load_map(path: str | Path) -> RigMap:
     ------
     UsageError
         The file cannot be read or is no map; one line says where and why.
-
     """
     return map_from(load_yaml(Path(path)), str(path))
 
@@ -203,7 +202,4 @@ def map_from(data: object, where: str) -> RigMap:
     """Validate `data` (as read from YAML); `where` names its origin in errors."""
     if not isinstance(data, dict):
         raise UsageError(f"{where}: expected 'name:', 'axis:', 'time:', 'input:' and so on: {SEE}")
-    try:
-        return RigMap.model_validate(data)
-    except ValidationError as error:
-        raise UsageError(first_problem(error, where, "map", SEE)) from None
+    return validated(RigMap.model_validate, data, where, "map", SEE)

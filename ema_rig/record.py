@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from ema_record.channels import Channel, channels_to_pandas, channels_to_xarray
-from ema_record.errors import InvalidRecordError, UsageError, first_problem, unknown_name
+from ema_record.errors import InvalidRecordError, UsageError, unknown_name, validated
 from ema_record.record import html_of
 
 Motion = Literal["linear", "rotary"]
@@ -81,20 +81,16 @@ class RigRecord:
 
     Attributes
     ----------
-    samples : ndarray, shape (n, m)
-        One row a sample, columns as in `channels`, SI units; time increases.
-    channels : tuple of Channel
-        Some of `Axis.channels`, in that order: time, the input, position or speed at least.
-    axis : Axis
-        What the axis is.
-    source : str
-        File or bag that it was read from.
+    samples : ndarray, shape (n, m). One row a sample, columns as in `channels`, SI units; time
+        increases.
+    channels : some of `Axis.channels`, in that order: time, the input, position or speed at least.
+    axis : what the axis is.
+    source : file or bag that it was read from.
 
     Raises
     ------
     UsageError, InvalidRecordError
         Shape, channels or values are wrong; the first sample that is wrong is named.
-
     """
 
     samples: np.ndarray
@@ -103,7 +99,6 @@ class RigRecord:
     source: str = ""
 
     def __post_init__(self) -> None:
-        """Check shape, channels and values."""
         if self.samples.ndim != 2 or self.samples.shape[1] != len(self.channels):
             raise UsageError(
                 f"samples have shape {self.samples.shape}, expected (n, {len(self.channels)}): "
@@ -113,7 +108,6 @@ class RigRecord:
         _check_samples(self.samples, self.channels, self.source or "record")
 
     def __len__(self) -> int:
-        """Return the number of samples."""
         return len(self.samples)
 
     def has(self, name: str) -> bool:
@@ -156,7 +150,6 @@ class RigRecord:
                 "source": self.source}
 
     def __repr__(self) -> str:
-        """Return one line: axis, size."""
         return f"<RigRecord {self.axis.name}: {len(self)} samples in {self.duration:.4g} s>"
 
     def _repr_html_(self) -> str:
@@ -246,10 +239,8 @@ def rig_record(values: Mapping[str, Any], motion: Motion, name: str) -> RigRecor
     if len(inputs) != 1:
         raise UsageError(f"{len(inputs)} inputs among {', '.join(given)[:80]}: give one of "
                          f"{', '.join(f'input_{quantity}' for quantity in INPUT_UNITS)}")
-    try:
-        axis = Axis.model_validate({"name": name, "motion": motion, "input": inputs[0]})
-    except ValidationError as error:
-        raise UsageError(first_problem(error, "rig", "axis", "see docs/rigs.md")) from None
+    axis = validated(Axis.model_validate, {"name": name, "motion": motion, "input": inputs[0]},
+                     "rig", "axis", "see docs/rigs.md")
     known = {channel.name: channel for channel in axis.channels}
     for key in given:
         if key not in known:

@@ -63,12 +63,9 @@ def read_ros_bag(path: Path, source: BagSource, needed: Sequence[str | int]) -> 
 
     Parameters
     ----------
-    path : Path
-        A rosbag2 directory, an ``.mcap`` or a ``.db3`` file.
-    source : BagSource
-        The topic, and the joint of it.
-    needed : sequence of str or int
-        Columns as the module says.
+    path : a rosbag2 directory, an ``.mcap`` or a ``.db3`` file.
+    source : the topic, and the joint of it.
+    needed : columns as the module says.
 
     Returns
     -------
@@ -79,7 +76,6 @@ def read_ros_bag(path: Path, source: BagSource, needed: Sequence[str | int]) -> 
     ------
     InvalidRecordError, IncompleteRecordError, UsageError
         The bag is damaged or cut; no such topic, joint or field; a message cannot be decoded.
-
     """
     topics = list_topics(path)
     names = [str(name) for name in needed if name not in (STAMP, LOG_TIME)]
@@ -151,7 +147,6 @@ def decoder_of(topic: AnyTopic, source: str) -> Callable[[bytes], Any]:
     ------
     UsageError
         Messages in another encoding, or no definition of their type.
-
     """
     if topic.encoding != MESSAGE_ENCODING:
         raise UsageError(f"{source}: {topic.name} is in {topic.encoding[:20]!r}, expected "

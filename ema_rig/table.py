@@ -18,7 +18,6 @@ MAX_ROWS = 5_000_000
 MAX_COLUMNS = 1000
 _INDEXED = re.compile(r"^(.*)\[(\d{1,4})\]$")
 
-
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--"})
 """Cells that lack a value, in lower case."""
 
@@ -121,7 +120,6 @@ class Table:
         ------
         UsageError
             No such column, or not a column.
-
         """
         names = list(self.columns)
         name = self.name_of(name, where)

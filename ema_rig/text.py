@@ -68,18 +68,14 @@ def read_text_table(
 
     Parameters
     ----------
-    path : Path
-        In UTF-8, UTF-16 or Latin-1.
-    text_format : TextFormat
-        How it is laid out, where that is known.
-    needed : sequence of str or int, or None
-        Columns that are wanted, all where None.
+    path : in UTF-8, UTF-16 or Latin-1.
+    text_format : how it is laid out, where that is known.
+    needed : columns that are wanted, all where None.
 
     Raises
     ------
     InvalidRecordError
         Too large, not text, or a row has another number of cells than the first.
-
     """
     return table_of_text(_decoded(_content(path), path), path, text_format, needed)
 

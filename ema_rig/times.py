@@ -32,7 +32,6 @@ def seconds(table: Table, name: str | int, unit: str, where: str) -> np.ndarray:
     ------
     UsageError, InvalidRecordError
         Another unit; a cell that is no time, which is named.
-
     """
     text = table.text(name, where)
     if (label := table.name_of(name, where)) in table.stamps:
@@ -122,21 +121,16 @@ def single_stamps(
 
     Parameters
     ----------
-    samples : ndarray, shape (n, m)
-        Time first.
-    labels : ndarray, shape (n,)
-        Of the run of each row.
-    how : str or None
-        ``drop`` keeps the first row of equal time, ``mean`` the mean of their values, those that
+    samples : ndarray, shape (n, m). Time first.
+    labels : ndarray, shape (n,). Of the run of each row.
+    how : ``drop`` keeps the first row of equal time, ``mean`` the mean of their values, those that
         are missing left out; None refuses them.
-    source : str
-        For errors.
+    source : for errors.
 
     Raises
     ------
     InvalidRecordError
         Equal stamps, and nothing said about them.
-
     """
     again = np.concatenate([[False], (np.diff(samples[:, 0]) == 0.0) & (np.diff(labels) == 0.0)])
     if not again.any():
@@ -171,10 +165,9 @@ def one_clock(
 
     Parameters
     ----------
-    columns, times : dict of ndarray, shape (n,) of each column
-        Values and when they were taken (s).
-    source : str
-        For errors.
+    columns, times : dict of ndarray, shape (n,) of each column. Values and when they were taken
+        (s).
+    source : for errors.
 
     Returns
     -------
@@ -189,7 +182,6 @@ def one_clock(
     ------
     InvalidRecordError
         Fewer than two samples of a column; they do not overlap; a time that does not increase.
-
     """
     clean: dict[str, tuple[np.ndarray, np.ndarray, float]] = {}
     for name, values in columns.items():
@@ -241,15 +233,13 @@ def restarts(time: np.ndarray) -> np.ndarray:
 
     A time that only steps back is no new run; the record refuses it.
     """
-    number = np.zeros(len(time), dtype=np.float64)
-    first = 0
+    number, first = np.zeros(len(time)), 0
     for row in np.nonzero(np.diff(time) < 0.0)[0] + 1:
         length = time[row - 1] - time[first]
         if abs(time[row] - time[first]) > AGAIN * length:
             return np.zeros(len(time))
-        number[row:] += 1.0
-        first = int(row)
-    return number
+        number[row], first = 1.0, int(row)
+    return np.cumsum(number)
 
 
 def run_labels(table: Table, name: str | int) -> tuple[np.ndarray, dict[float, str]]:
@@ -275,7 +265,6 @@ def chosen_runs(
     ------
     UsageError
         A run that is wanted is not in the file.
-
     """
     known = {words.get(value, float(value)): float(value)
              for value in np.unique(labels[np.isfinite(labels)])}
@@ -297,12 +286,9 @@ def one_after_another(
 
     Parameters
     ----------
-    time : ndarray, shape (n,)
-        As the file counts it, each run for itself (s).
-    labels : ndarray, shape (n,)
-        Of the run of each sample; a change is a new run.
-    source : str
-        For errors.
+    time : ndarray, shape (n,). As the file counts it, each run for itself (s).
+    labels : ndarray, shape (n,). Of the run of each sample; a change is a new run.
+    source : for errors.
 
     Returns
     -------
@@ -315,7 +301,6 @@ def one_after_another(
     ------
     UsageError
         More than `MAX_RUNS` runs.
-
     """
     changes = np.nonzero(np.diff(labels) != 0.0)[0] + 1
     if not len(changes):

@@ -40,11 +40,13 @@ UNITS: dict[str, tuple[str, float]] = {
 SI_OF = {"time": "s", "length": "m", "angle": "rad", "linear speed": "m/s",
          "angular speed": "rad/s", "voltage": "V", "current": "A", "force": "N",
          "torque": "N m"}
+_SIGNS = str.maketrans({"\u00b7": " ", "\u00b0": "deg", "\u00b5": "u", "\u03bc": "u"})
+"""Unicode has two signs of micro."""
 
 
 def _plain(unit: str) -> str:
     """Return a unit as `UNITS` writes it."""
-    return " ".join(unit.replace("·", " ").replace("°", "deg").replace("µ", "u").split())
+    return " ".join(unit.translate(_SIGNS).split())
 
 
 def is_unit(text: str) -> bool:
@@ -66,18 +68,14 @@ def unit_factor(unit: str, quantity: str, where: str) -> float:
 
     Parameters
     ----------
-    unit : str
-        As in the map.
-    quantity : str
-        What it must measure, a value of `SI_OF`'s keys.
-    where : str
-        Origin, for errors.
+    unit : as in the map.
+    quantity : what it must measure, a value of `SI_OF`'s keys.
+    where : origin, for errors.
 
     Raises
     ------
     UsageError
         Unknown, or of another quantity.
-
     """
     name = _plain(unit)
     if name not in UNITS:

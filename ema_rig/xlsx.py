@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ema_record.errors import InvalidRecordError, RecordError, UsageError, unknown_name
+from ema_record.errors import InvalidRecordError, RecordError, UsageError, library, unknown_name
 from ema_rig.map import TextFormat
 from ema_rig.table import MAX_COLUMNS, MAX_TEXT_BYTES, Table, check_shape, said_by
 from ema_rig.text import holds_numbers, table_of_text
@@ -32,13 +32,8 @@ def read_xlsx(path: Path, text_format: TextFormat, needed: Sequence[str | int] |
         openpyxl is not installed; no such sheet.
     InvalidRecordError
         Damaged, too large, or no row of numbers.
-
     """
-    try:
-        import openpyxl
-    except ImportError:
-        raise UsageError(f"{path}: XLSX needs the package openpyxl, which is not installed: pip "
-                         "install 'ema_phm[export]', or save the sheet as CSV") from None
+    openpyxl = library("openpyxl", f"{path}: XLSX", "save the sheet as CSV", "export")
     layout = text_format.model_copy(update={"delimiter": "comma", "decimal": "."})
     try:
         with zipfile.ZipFile(path) as archive:

@@ -87,7 +87,6 @@ class Deadman:
     """
 
     def __init__(self, timeout: float) -> None:
-        """Begin without a sign."""
         self.timeout = timeout
         self._running: int | None = None
         self._heard: float | None = None

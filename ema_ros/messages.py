@@ -31,7 +31,6 @@ from ema_record.wire.types import NANOSECONDS
 T = TypeVar("T")
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
-
 POLLED_DEPTH = 100
 """Messages that may come between two looks: an interlock that opens for a moment is one."""
 
@@ -229,7 +228,6 @@ class DiagnosticsPublisher:
     """Publishes `/diagnostics` for one node, stamped by the host's clock as all else."""
 
     def __init__(self, node: Node) -> None:
-        """Make the publisher."""
         self._publisher = make_publisher(node, DIAGNOSTICS)
         self._readers = 0
 

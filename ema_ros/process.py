@@ -63,12 +63,10 @@ class StopSignal:
     """
 
     def __init__(self) -> None:
-        """Not set yet."""
         self.number = 0
         self.gentle = False
 
     def __bool__(self) -> bool:
-        """Whether the process was asked to stop."""
         return self.number != 0
 
     def install(self) -> None:

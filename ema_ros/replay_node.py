@@ -26,7 +26,6 @@ class ReplayNode(Node):
     """Publishers of all topics of a bag."""
 
     def __init__(self, topics: Sequence[str], context: rclpy.Context) -> None:
-        """Make the publishers."""
         super().__init__(NODE_NAME, context=context)
         self._outputs = {topic: make_publisher(self, topic) for topic in topics}
         self.counts = dict.fromkeys(topics, 0)

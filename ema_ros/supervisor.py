@@ -44,18 +44,15 @@ class Supervisor:
     """
 
     def __init__(self, log: Path) -> None:
-        """Begin without nodes."""
         self.log = log
         self._nodes: dict[str, subprocess.Popen[bytes]] = {}
         self._started: dict[str, tuple[str, Mapping[str, ParameterValue], str]] = {}
         self._restarts: dict[str, int] = {}
 
     def __enter__(self) -> Supervisor:
-        """Return the supervisor itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End all nodes."""
         self.stop()
 
     def start(

@@ -177,10 +177,7 @@ class ActuatorSession:
     def advance_reading(self, n_samples: int, block: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the next samples, as `advance`, and the bus current in blocks of them.
 
-        Returns
-        -------
-        samples : ndarray, shape (k, 10).
-        bus : ndarray, shape (m,), mean current (A) over each `block` samples begun.
+        Shape (k, 10); shape (m,), mean current (A) over each `block` samples begun.
         """
         left = self.samples_left
         n = min(n_samples, left)

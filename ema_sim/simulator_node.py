@@ -92,7 +92,6 @@ class SimulatorNode(EmaNode):
     name = "ema_sim"
 
     def __init__(self, stop: StopSignal) -> None:
-        """Read the parameters."""
         super().__init__(stop)
         model_file = given_parameters(self).get(MODEL_FILE.name, MODEL_FILE.default)
         self._model = load_model_file(str(MODEL_FILE.check(model_file)) or None)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import secrets
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from functools import partial
 from importlib.resources import files
 from math import isfinite
@@ -19,7 +17,7 @@ from ema_prognostics.fleet.fleet import STATES, Fleet, FleetUnit, share_of_large
 from ema_prognostics.fleet.tables import OURS, is_own_parquet, write_parquet
 from ema_prognostics.trend.unit_trend import UnitTrend
 from ema_record.errors import library
-from ema_record.files import cannot_write, check_apart, exists
+from ema_record.files import check_apart, new_file
 from ema_record.record import iso_time
 from ema_record.version import VERSION
 
@@ -52,13 +50,13 @@ def write_files(
     """Write what is asked for."""
     if html is not None:
         text = page(fleet, html)
-        with _replaced(html, _is_own_page) as temporary:
+        with new_file(html, _is_own_page) as temporary:
             temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
     if parquet is not None:
-        with _replaced(parquet, is_own_parquet) as temporary:
+        with new_file(parquet, is_own_parquet) as temporary:
             write_parquet(fleet.objects, temporary)
     if metrics is not None:
-        with _replaced(metrics, _is_own_metrics) as temporary:
+        with new_file(metrics, _is_own_metrics) as temporary:
             temporary.write_text(open_metrics(fleet), encoding="utf-8", errors="backslashreplace")
 
 
@@ -73,22 +71,6 @@ def _begins(path: Path, begin: str) -> bool:
 
 
 _is_own_page, _is_own_metrics = partial(_begins, begin=PAGE), partial(_begins, begin=METRICS)
-
-
-@contextmanager
-def _replaced(path: Path, is_own: Callable[[Path], bool]) -> Iterator[Path]:
-    """Give a file beside `path` to write to; on success it takes the place of one of ours."""
-    if os.path.lexists(path) and not is_own(path):
-        raise exists(path)
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
-    try:
-        temporary.touch(exist_ok=False)
-        yield temporary
-        temporary.replace(path)
-    except OSError as error:
-        raise cannot_write(path, error) from None
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def page(fleet: Fleet, place: Path) -> str:

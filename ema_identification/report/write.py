@@ -36,17 +36,14 @@ def write_answer(identification: Identification, out_dir: str | Path) -> Identif
 
     Parameters
     ----------
-    identification : Identification
-        The result of `identify`.
-    out_dir : path-like
-        The folder to make: ``identification.json``, ``model.yaml`` if a model came out,
+    identification : the result of `identify`.
+    out_dir : the folder to make: ``identification.json``, ``model.yaml`` if a model came out,
         ``next_test.yaml`` if a command is proposed.
 
     Raises
     ------
     OutputError
         The folder exists, or cannot be written.
-
     """
     out = Path(out_dir)
     if out.exists():
@@ -90,21 +87,16 @@ def write_page(
 
     Parameters
     ----------
-    identification : Identification
-        The result of `identify`.
-    out_dir : path-like
-        The folder that `write_answer` made; it gets ``report.html`` (self-contained) and
+    identification : the result of `identify`.
+    out_dir : the folder that `write_answer` made; it gets ``report.html`` (self-contained) and
         ``plots/*.png``.
-    title : str
-        Headline of the page, for example the serial number.
-    inputs : mapping
-        What was compared, by its role: ``{"measured": ["a", "b"], "model": ["nominal"]}``.
+    title : headline of the page, for example the serial number.
+    inputs : what was compared, by its role: ``{"measured": ["a", "b"], "model": ["nominal"]}``.
 
     Raises
     ------
     OutputError
         The folder cannot be written.
-
     """
     out = Path(out_dir)
     panels, unknown = identification.panels, identification.unknown

@@ -89,23 +89,18 @@ def export_model(
 
     Parameters
     ----------
-    path : path-like
-        ``model.yaml`` that an identification wrote.
-    file_format : str
-        ``mjcf``, ``urdf`` or ``python``.
-    gain : float, optional
-        Force or torque at the axis of one unit of the input (N/A, N m/A, N m/V); needed in MJCF
+    path : ``model.yaml`` that an identification wrote.
+    file_format : ``mjcf``, ``urdf`` or ``python``.
+    gain : force or torque at the axis of one unit of the input (N/A, N m/A, N m/V); needed in MJCF
         and URDF where the input is neither.
-    body_inertia : float
-        What the bodies of the simulator already have about the axis (kg m² or kg): the armature
-        is the rest.
+    body_inertia : what the bodies of the simulator already have about the axis (kg m² or kg): the
+        armature is the rest.
 
     Raises
     ------
     UsageError
         No such format; the model lacks its axis, its inertia or a number of a law; the gain is
         missing or not positive; the bodies have more inertia than was found.
-
     """
     writer = _WRITERS.get(file_format)
     if writer is None:

@@ -63,14 +63,10 @@ def follow(
 
     Parameters
     ----------
-    records : sequence of RigRecord
-        Of one axis, in their order.
-    model : RigModel, optional
-        Its terms are followed, beside `ALWAYS`; without it those that `identify_rig` names in the
-        first and in the last record that can be used.
-    say : callable
-        Takes what is being done, and the share that is done.
-
+    records : of one axis, in their order.
+    model : its terms are followed, beside `ALWAYS`; without it those that `identify_rig` names in
+        the first and in the last record that can be used.
+    say : takes what is being done, and the share that is done.
     """
     found: dict[int, Followed] = {}
     ready: dict[int, Trajectory] = {}

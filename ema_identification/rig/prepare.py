@@ -60,7 +60,6 @@ def check_record(record: RigRecord) -> None:
     ------
     IncompleteRecordError, InvalidRecordError
         The channel is named, with the remedy.
-
     """
     if len(record) < MIN_SAMPLES:
         raise too_short(record, f"{len(record)} samples, at least {MIN_SAMPLES}")
@@ -95,16 +94,13 @@ def prepare(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
 
     Parameters
     ----------
-    records : sequence of RigRecord
-        Of the same axis: equal motion and input.
-    settings : Settings
-        Of the model file; what is not set is derived from the records.
+    records : of the same axis: equal motion and input.
+    settings : of the model file; what is not set is derived from the records.
 
     Raises
     ------
     UsageError, InvalidRecordError
         Different axes; too short; nothing moves; wrong units; constant channels.
-
     """
     if not records:
         raise UsageError("no record: give at least one rig bag")

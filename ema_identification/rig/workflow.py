@@ -72,17 +72,13 @@ def identify_rig(
 
     Parameters
     ----------
-    measured : sequence of RigRecord
-        Records of one axis.
-    model : path-like or RigModel, optional
-        What is believed so far; default inertia and viscous friction, both free.
-    validate : sequence of RigRecord
-        Records of the same axis, of another motion, on which the gap is measured; without
+    measured : records of one axis.
+    model : what is believed so far; default inertia and viscous friction, both free.
+    validate : records of the same axis, of another motion, on which the gap is measured; without
         them it is measured on held-out blocks of `measured`.
     without : collection of str
         Laws that may not be used.
-    progress : callable, optional
-        Called with a line and the share that is done.
+    progress : called with a line and the share that is done.
 
     Returns
     -------
@@ -93,7 +89,6 @@ def identify_rig(
     ------
     UsageError, InvalidRecordError, IncompleteRecordError
         Wrong model file or name; records that cannot be used, with the remedy.
-
     """
     say: Progress = progress or (lambda _what, _share: None)
     for name in without:

@@ -102,7 +102,6 @@ class Classifier:
     """Whether, or which: one network at work."""
 
     def __init__(self, part: MemberPart, inputs: Inputs) -> None:
-        """Build the network."""
         self._network, self._columns = part.network.build(), inputs.columns(part.inputs)
 
     def __call__(self, u: np.ndarray) -> np.ndarray:
@@ -114,7 +113,6 @@ class SeverityNetwork:
     """How much, with an interval: one network at work."""
 
     def __init__(self, part: SeverityPart, inputs: Inputs) -> None:
-        """Build the network."""
         self._network, self._columns = part.network.build(), inputs.columns(part.inputs)
         self._scale, self._noise = part.scale.build(), inputs.noise
         self._factors = np.array(part.knots), np.array(part.factors)
@@ -125,9 +123,7 @@ class SeverityNetwork:
     def __call__(self, u: np.ndarray) -> np.ndarray:
         """Return how much, in the effect's unit, alone and beside another fault.
 
-        Returns
-        -------
-        ndarray, shape (n, 2, 3). Value, lower and upper bound; the value is the same.
+        Shape (n, 2, 3): value, lower and upper bound; the value is the same.
         """
         x = u[:, self._columns]
         y = self._network(x)[:, 0]

@@ -52,7 +52,6 @@ Inertia and rise time tell the rest. The dry torque is made of other torques."""
 FLOOR = 0.02
 """Least scatter, in the squashed unit."""
 
-
 ABSOLUTE_DRIVERS = tuple(f"{ABSOLUTE}{n}" for n in (
     "temperature", "bus_voltage", "torque_quarter", "torque_full", "gap_width", "gap_torque",
     "load_quarter", "speed_full", *RECORDER))
@@ -151,13 +150,7 @@ class Limits(NamedTuple):
     def scores(self, z: np.ndarray) -> np.ndarray:
         """Return how far off each feature is, each group, and all together; 1: the limit.
 
-        Parameters
-        ----------
-        z : ndarray, shape (n, m). Scaled residuals.
-
-        Returns
-        -------
-        ndarray, shape (n, m + groups + 1).
+        Shape (n, m + groups + 1), of scaled residuals `z`, shape (n, m).
         """
         groups = [length(z[:, g.columns], g.whitening, GROUP_SQUEEZE) / g.distance
                   for g in self.groups]
@@ -283,7 +276,6 @@ class StrangerFilters:
     """The filters at work."""
 
     def __init__(self, part: StrangersPart) -> None:
-        """Keep the weights as arrays."""
         self._kinds = tuple(part.filters)
         self._weights = np.array([one.weights for one in part.filters.values()])
         self._turned = np.array([one.turns == 3 for one in part.filters.values()])

@@ -14,7 +14,6 @@ import numpy as np
 FEWEST = 2
 """Features that make a group."""
 
-
 GROUPS: dict[str, tuple[str, ...]] = {
     "transmission": ("shaft_", "stiffness_agreement", "compliance", "lag_", "gap_load",
                      "gap_error", "torque_ramp", "torque_quarter_over_ramp", "start_stiffness"),

@@ -60,7 +60,6 @@ SIZES = {
 }
 """The same, of networks that say how much and see other inputs than those that say whether."""
 
-
 ITSELF = ("eccentricity",)
 """Groups that see the record itself with a baseline too, not the difference: no tolerance makes
 the lines of an eccentricity, so a baseline would only add its noise."""

@@ -47,21 +47,17 @@ class LazyCascades(Mapping[str, Cascade]):
     """The cascades of views that are known to be good, each built when it is asked for."""
 
     def __init__(self, views: Mapping[str, ViewPart]) -> None:
-        """Take the views."""
         self._views, self._built = views, dict[str, Cascade]()
 
     def __getitem__(self, name: str) -> Cascade:
-        """Return one cascade."""
         if name not in self._built:
             self._built[name] = Cascade(self._views[name])
         return self._built[name]
 
     def __iter__(self) -> Iterator[str]:
-        """Return the names of the views."""
         return iter(self._views)
 
     def __len__(self) -> int:
-        """Return how many views there are."""
         return len(self._views)
 
 

@@ -179,12 +179,9 @@ class LineFilter:
         """Return how much like a short of each phase the windings differ, and the rest.
 
         Resistance and inductance of a phase with a short fall together. What is left of their
-        differences beside the best such fall, no short makes.
-
-        Returns
-        -------
-        ndarray, shape (n, 3), in healthy deviations; deviations per fraction of turns; ndarray,
-        shape (n,), what no short makes, in healthy deviations.
+        differences beside the best such fall, no short makes. The first has shape (n, 3), in
+        healthy deviations; the second is deviations per fraction of turns; what no short makes
+        has shape (n,), in healthy deviations.
         """
         weight = self.precision @ self.winding
         strength = float(np.sqrt(max((self.winding.conj() @ weight).real, FLOOR)))

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 from pydantic_core import from_json
 
 from ema_prognostics.cascade.find import Cascade
@@ -31,7 +31,7 @@ from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.paper.cascade import ANN_B_INPUTS, FAULTS, PaperCascade
 from ema_prognostics.paper.features import ANN_A_INPUTS
 from ema_record.actuator_type import actuator_hash, is_of_another_actuator
-from ema_record.errors import ModelError, first_problem
+from ema_record.errors import ModelError, validated
 from ema_record.files import new_file, read_bounded
 from ema_record.kit import CASCADE, kit_name, kit_path
 
@@ -69,12 +69,8 @@ class Body(Part):
     @classmethod
     def parse(cls, data: object, where: str) -> Body:
         """Return the body of `data`, plain values or JSON text; ModelError in one line."""
-        try:
-            if isinstance(data, str):
-                return cls.model_validate_json(data)
-            return cls.model_validate(data)
-        except ValidationError as error:
-            raise ModelError(first_problem(error, where, "body", "train again")) from None
+        read = cls.model_validate_json if isinstance(data, str) else cls.model_validate
+        return validated(read, data, where, "body", "train again", kind=ModelError)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -47,12 +47,9 @@ def _slopes(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the slopes by least squares; those of less than `SURE` of their errors are 0.
 
-    Else a hundred features that tell nothing of a parameter would tell much together.
-
-    Returns
-    -------
-    ndarray, shape (d,), features at the mean of the parameters; ndarray, shape (d, p), slopes;
-    ndarray, shape (d,), standard deviation of the features about the model.
+    Else a hundred features that tell nothing of a parameter would tell much together. Before
+    them, shape (d, p), stand the features at the mean of the parameters, shape (d,), and after
+    them the standard deviation of the features about the model, shape (d,).
     """
     design = np.column_stack(
         [np.ones(len(parameters)), parameters - parameters.mean(axis=0)])

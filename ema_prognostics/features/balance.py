@@ -131,11 +131,8 @@ def _without_cycle(
     A slew may swing: static friction and a soft shaft make a limit cycle, whose frequency is not
     the rotor's. Its fundamental, sought where the speed is off the mean over the turns of the
     rotor, and its overtones are fitted together with the rotor's lines and taken off. A line that
-    an overtone falls onto is not told from it.
-
-    Returns
-    -------
-    The signal, shape (n, m); which lines are told, bool, shape (lines,); `Balance.swing`.
+    an overtone falls onto is not told from it. The signal has shape (n, m); after it: which lines
+    are told, bool, shape (lines,), and `Balance.swing`.
     """
     speed, told = signal[:, 0], np.ones(len(orders), dtype=bool)
     rest = _cells(turns, speed, pole_pairs)

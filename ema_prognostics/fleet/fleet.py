@@ -120,7 +120,6 @@ class Fleet:
     units: tuple[FleetUnit, ...]
 
     def __repr__(self) -> str:
-        """Return one line: units and bags, how many in each state."""
         bags = sum(len(u.objects) for u in self.units)
         states = ", ".join(f"{n} {s}" for s in STATES
                            if (n := sum(u.state == s for u in self.units)))

@@ -45,7 +45,6 @@ class VerdictStore:
     """
 
     def __init__(self, judge: str, folder: Path | None = None) -> None:
-        """Open the store, or begin one."""
         folder = cache_directory() if folder is None else folder
         self.judge = judge
         self._hashed: list[tuple[str, ...]] = []  # not yet written
@@ -55,7 +54,6 @@ class VerdictStore:
             "SELECT sha256, object FROM verdicts WHERE judge = ?", judge))
 
     def __enter__(self) -> VerdictStore:
-        """Use it in a ``with`` block."""
         return self
 
     def __exit__(self, *_: object) -> None:

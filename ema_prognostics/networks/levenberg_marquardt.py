@@ -29,7 +29,7 @@ MAX_EVALUATIONS = 200
 def residuals(
     w: np.ndarray, x: np.ndarray, t: np.ndarray, h: int, alpha: float
 ) -> np.ndarray:
-    """Return outputs minus targets, flat, then sqrt(alpha) w.
+    """Return outputs minus targets, flat, then sqrt(alpha) w, shape (n k + p,).
 
     Parameters
     ----------
@@ -38,10 +38,6 @@ def residuals(
     t : ndarray, shape (n, k). Targets.
     h : hidden neurons.
     alpha : weight decay; the cost is the sum of squares of what is returned, halved.
-
-    Returns
-    -------
-    ndarray, shape (n k + p,).
     """
     n, d = x.shape
     k = t.shape[1]

@@ -34,7 +34,6 @@ class RecordAssembler:
     """
 
     def __init__(self) -> None:
-        """Begin without a command."""
         self._clear()
 
     def _clear(self) -> None:

@@ -57,15 +57,13 @@ def local_quantiles(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return split-conformal half widths that depend on a value: bins of as many residuals each.
 
+    The median value of each bin, growing, stands before them, either of shape (k,).
+
     Parameters
     ----------
     value, residual : ndarray, shape (n,). What the width depends on; absolute residuals.
     coverage : of new residuals.
     most_bins : however many the residuals.
-
-    Returns
-    -------
-    ndarray, shape (k,), median value of each bin, growing; ndarray, shape (k,), half widths.
     """
     bins = min(max(len(value) // BIN, 1), most_bins)
     order = np.argsort(value, kind="stable")

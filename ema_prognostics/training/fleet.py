@@ -161,8 +161,6 @@ def _run(kinds: tuple[ProfileKind, ...], always: Effects, plans: list[_UnitPlan]
          folder: Path | None) -> Arrays:
     """Simulate units of the kit and return the features of their records, kept in `folder`.
 
-    Returns
-    -------
     By kind ``names_<kind>``, shape (d,); ``features_<kind>``, shape (units, 1 + tests, d), the
     baseline first; NaN: no features, the diagnosis answers "unknown" to such a record.
     """

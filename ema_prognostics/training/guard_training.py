@@ -49,7 +49,6 @@ PLAIN = 0.02
 SINGLE_RATE = 1e-4
 """Rate at which the checked features are made comparable, each by its own tail."""
 
-
 WITHIN = {"slight": (0, 1), "mechanical": (1, 2), "electrical": (1, 3), "both": (1, 2, 3, 4)}
 """Kinds, of `KINDS_FOUND`, that set the limits of each: a record may hold less than is found."""
 

@@ -57,7 +57,6 @@ ORIGIN = {"friction": 1.0, "motor_friction": 1.0, "surface_friction": 1.0}
 """Of the curves of detection, see `detection_curve`; others: 0. Chosen on the fleets of the
 training itself."""
 
-
 LARGEST_LOG = 700.0
 """Of a severity: a curve that hardly rises has its bound beyond all numbers."""
 

@@ -72,9 +72,7 @@ def view_inputs(campaign: FleetFeatures, view: View) -> tuple[list[str], np.ndar
 def sound_rows(healthy: FleetFeatures, view: View) -> np.ndarray:
     """Return the features of healthy tests as a view sees them, each record in either part.
 
-    Returns
-    -------
-    ndarray, shape (2 n, d). With a baseline either of two healthy records may be it.
+    Shape (2 n, d): with a baseline either of two healthy records may be it.
     """
     names, rows = view_inputs(healthy, view)
     if view == "fleet":

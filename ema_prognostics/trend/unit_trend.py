@@ -141,7 +141,6 @@ class UnitTrend:
         return tuple(f.number for f in self.flights if f.repeat_of is not None)
 
     def __repr__(self) -> str:
-        """Return one line: unit, flights, and each fault."""
         faults = ", ".join(
             class_name(f.history.fault_class, f.history.phase)
             + (" present" if f.present else " not confirmed" if f.confirmed is None else " gone")

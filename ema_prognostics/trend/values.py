@@ -59,13 +59,12 @@ class ValueTrend:
     Attributes
     ----------
     name, unit : of the value.
-    number, value, lower, upper : ndarray, shape (n,)
-        Records that show it, with its 90 % interval.
+    number, value, lower, upper : ndarray, shape (n,). Records that show it, with its 90 %
+        interval.
     steps : where it changed at once.
     growth : since the last step, of ``way`` times the value; None: too few records.
     way : 1 rising, -1 falling, 0 neither.
     limit : of one's own, where given.
-
     """
 
     name: str
@@ -125,7 +124,6 @@ def value_trend(
     name, unit : of the value.
     values : by number of the record: value and the ends of its 90 % interval; one at least.
     limit : that the value should not pass, whichever side of it the first records lie; or None.
-
     """
     number = np.array(sorted(values), dtype=np.int64)
     value, lower, upper = np.array([values[int(n)] for n in number], dtype=float).T

@@ -70,6 +70,8 @@ def diagnose(
 ) -> Verdict:
     """Say what is wrong with the actuator that `record` comes from.
 
+    Any record has a verdict: what cannot be judged is incomplete, invalid or unknown.
+
     Parameters
     ----------
     record : one built-in test.
@@ -80,11 +82,6 @@ def diagnose(
         the verdict of mode ``robust``, but of that record itself. For many records take
         `baseline_of` once.
     checked : whether the record checks were asked before, and found nothing.
-
-    Returns
-    -------
-    Verdict
-        Always, for any record: what cannot be judged is incomplete, invalid or unknown.
 
     Raises
     ------

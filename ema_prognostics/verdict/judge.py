@@ -52,7 +52,6 @@ class Judge:
         self, model: str | Path | None = None, baseline: str | Path | Record | None = None, *,
         profile: str | None = None, mode: Mode = "robust",
     ) -> None:
-        """Load what is named."""
         if mode == "paper" and not is_default_kit():
             raise UsageError(f"mode paper is of the default actuator alone: leave {kit_name()} "
                              "out, or use mode robust")

@@ -102,7 +102,6 @@ class Verdict:
         return EXIT_STATUS[self.outcome]
 
     def __repr__(self) -> str:
-        """Return one line: outcome, and each fault with its size."""
         faults = ", ".join(
             fault_words(f.fault_class, f.phase, f.severity, f.severity_interval)
             for f in self.faults)

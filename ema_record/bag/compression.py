@@ -36,16 +36,19 @@ def unpack(data: bytes, method: str, size: int, where: str) -> bytes:
                 "convert the bag with 'mcap compress --compression zstd'"
             )
     except (zstandard.ZstdError, RuntimeError, MemoryError, EOFError) as error:
-        raise InvalidRecordError(
-            f"{where}: {method} data are damaged ({str(error).splitlines()[0][:80]}): "
-            "copy the file again from where it was recorded"
-        ) from None
+        raise _damaged(where, method, error) from None
     if len(result) != size:
         raise InvalidRecordError(
             f"{where}: unpacks to {f'more than {size}' if len(result) > size else len(result)} "
             f"bytes, announced are {size}: damaged, or made to exhaust the memory"
         )
     return result
+
+
+def _damaged(where: str, method: str, error: Exception) -> InvalidRecordError:
+    said = (str(error) or type(error).__name__).splitlines()[0][:80]
+    return InvalidRecordError(f"{where}: {method} data are damaged ({said}): copy the file again "
+                              "from where it was recorded")
 
 
 def _unpack_zstd(data: bytes, size: int, where: str) -> bytes:
@@ -67,10 +70,7 @@ def unpack_zstd_stream(data: bytes, bound: int, where: str) -> bytes:
         with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as reader:
             result = reader.read(bound + 1)
     except (zstandard.ZstdError, MemoryError) as error:
-        raise InvalidRecordError(
-            f"{where}: zstd data are damaged ({str(error).splitlines()[0][:80]}): "
-            "copy the file again from where it was recorded"
-        ) from None
+        raise _damaged(where, "zstd", error) from None
     if len(result) > bound:
         raise InvalidRecordError(f"{where}: unpacks to more than {bound} bytes: split the bag")
     return result

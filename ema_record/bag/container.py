@@ -269,11 +269,9 @@ class _InAnyNamespace:
     """The names of topics of the table, under whatever namespace."""
 
     def __init__(self, topics: frozenset[str]) -> None:
-        """Take the names of the table."""
         self._topics = topics
 
     def __contains__(self, name: object) -> bool:
-        """Whether a name in a bag is one of them."""
         return isinstance(name, str) and split_name(name).topic in self._topics
 
 

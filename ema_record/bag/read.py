@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -204,17 +205,20 @@ class Recording:
                 self._refuse(error)
         return None
 
+    def decoded(self, topic: str) -> Iterator[tuple[int, Any]]:
+        """Yield log time (ns since the epoch) and content of a topic's messages."""
+        for message in self.content.messages.get(topic, []):
+            try:
+                yield message.log_time, deserialize(message.data, TOPICS[topic].type, topic)
+            except RecordError as error:
+                self._refuse(error)
+
     def slow(self, topic: str, start_time: int = 0) -> np.ndarray:
         """Return `/ema/dc_bus` or `/ema/winding_temperature`, columns as in `Record`."""
         rows = []
-        for message in self.content.messages.get(topic, []):
-            try:
-                decoded = deserialize(message.data, TOPICS[topic].type, topic)
-            except RecordError as error:
-                self._refuse(error)
-                continue
-            time = ((stamp_of(decoded) or message.log_time) - start_time) / NANOSECONDS
-            values = bus_reading(decoded) if topic == DC_BUS else (float(decoded.temperature),)
+        for log_time, said in self.decoded(topic):
+            time = ((stamp_of(said) or log_time) - start_time) / NANOSECONDS
+            values = bus_reading(said) if topic == DC_BUS else (float(said.temperature),)
             rows.append([time, *values])
         return np.array(rows, dtype=np.float64).reshape(len(rows), 3 if topic == DC_BUS else 2)
 

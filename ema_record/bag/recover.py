@@ -144,9 +144,8 @@ def _sorted_out(found: Salvage, source: str) -> _Parts:
         if topic in topics.keys() - AIRCRAFT_WIDE:
             namespace = of if namespace is None else namespace
             topic = topic if of == namespace else message.channel.topic  # of another one
-        kind = message.channel.schema_name
-        known = topics.get(topic)
-        if known is None or kind not in (known, known.replace("/msg/", "/")):
+        kind = container.full_type(message.channel.schema_name)
+        if kind != topics.get(topic) or len(message.data) < 4:  # the writer takes no shorter ones
             left_out[topic] += 1
             continue
         if topic == SAMPLES:

@@ -292,7 +292,6 @@ class BagWriter(RawBag):
         })
 
     def __enter__(self) -> BagWriter:
-        """Return the writer itself."""
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -52,9 +52,7 @@ def lint_bag(path: str | Path, actuator: Actuator | None = None) -> LintReport:
             winding_temperature=bag.slow(WINDING_TEMPERATURE)[:, 1],
             topics=frozenset(topic for topic, found in content.messages.items() if found),
             has_start=START in content.metadata, recovered=content.metadata.get(RECOVERY),
-            weight_on_wheels=[
-                bytes(m.data[4:5]) != b"\x00" for m in content.messages.get(WEIGHT_ON_WHEELS, [])
-            ],
+            weight_on_wheels=[bool(said.data) for _, said in bag.decoded(WEIGHT_ON_WHEELS)],
             errors=bag.errors,
         )
     except RecordError as error:

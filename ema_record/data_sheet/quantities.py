@@ -30,7 +30,6 @@ TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 RATE = {"Hz": 1.0, "kHz": 1e3}
 NUMBER: dict[str, float] = {"": 1.0}
 
-
 MOTOR, GEAR, DRIVE, RECORDER = "Motor", "Gear and surface", "Drive", "Recorder"
 
 

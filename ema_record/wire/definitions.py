@@ -132,13 +132,11 @@ def _fields(message_type: str) -> tuple[_Field, ...]:
 def decode(data: bytes | memoryview, message_type: str) -> Any:
     """Return a message of a type of `DEFINITIONS`.
 
+    Its fields are attributes; several numbers are an array, other elements a list.
+
     Parameters
     ----------
     data : CDR with its encapsulation, of either endianness; more may follow.
-
-    Returns
-    -------
-    Its fields are attributes; several numbers are an array, other elements a list.
 
     Raises
     ------

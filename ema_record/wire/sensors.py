@@ -22,7 +22,6 @@ _LOCATION = "dc_bus"
 _UNKNOWN, _DISCHARGING = 0, 2
 """Status of a supply, numbers of sensor_msgs/BatteryState."""
 
-
 STAMP_FIELDS = {"sec": "<i4", "nanosec": "<u4"}
 
 

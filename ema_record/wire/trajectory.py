@@ -58,10 +58,7 @@ def steps_joined(times: Sequence[int]) -> list[int]:
         first = last
         while first > 0 and 0 <= found[first] - found[first - 1] <= STEP:
             first -= 1
-        if times[first] == 0:
-            found[first:last + 1] = [0] * (last + 1 - first)
-        else:
-            found[first:last + 1] = [times[last]] * (last + 1 - first)
+        found[first:last + 1] = [times[last] if times[first] else 0] * (last + 1 - first)
         last = first - 1
     return found
 

@@ -64,7 +64,6 @@ class ViewDecimator:
     """
 
     def __init__(self, rate: float, view_rate: float | None = None) -> None:
-        """Begin with no samples."""
         if view_rate is None:
             view_rate = load_actuator().acquisition.view_rate
         self.factor = max(1, round(rate / view_rate))

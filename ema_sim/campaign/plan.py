@@ -6,9 +6,9 @@ import re
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from ema_record.errors import UsageError, first_problem
+from ema_record.errors import UsageError, validated
 from ema_record.yaml_file import load_yaml
 from ema_sim.campaign.distributions import Distribution
 from ema_sim.session import RATES
@@ -75,8 +75,5 @@ def plan_from(data: object, where: str) -> CampaignPlan:
     """Validate `data` (as read from YAML); `where` names its origin in errors."""
     if not isinstance(data, dict):
         raise UsageError(f"{where}: expected 'profile:', 'runs:' and so on: {SEE}")
-    try:
-        return CampaignPlan.model_validate(data)
-    except ValidationError as error:
-        text = first_problem(error, where, "campaign", SEE, branch="Distribution")
-        raise UsageError(text) from None
+    return validated(CampaignPlan.model_validate, data, where, "campaign", SEE,
+                     branch="Distribution")

@@ -199,14 +199,12 @@ def write_table(path: Path, columns: Columns) -> None:
 def load_campaign(path: str | Path) -> Columns:
     """Return the columns of a campaign that was run into a folder, run by run.
 
+    Those are ``run``, ``seed``, ``failed``, ``profile``, ``parameters.<name>`` and
+    ``results.<name>``, shape (runs, ...).
+
     Parameters
     ----------
     path : the folder; a campaign that was interrupted gives what is done.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (runs, ...)
-        ``run``, ``seed``, ``failed``, ``profile``, ``parameters.<name>``, ``results.<name>``.
     """
     folder = CampaignFolder(path)
     done = sorted(folder.done())

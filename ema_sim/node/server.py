@@ -38,7 +38,6 @@ INVERTER_OFF = 0.020
 SETTLING = 6.0
 """Added to the slewing time of a single step, in time constants of the position control."""
 
-
 LEAST_SETTLING = 0.05
 """The same in s, at least: shaft and currents settle too."""
 FASTEST_RAMP = 1.05

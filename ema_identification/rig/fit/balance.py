@@ -30,18 +30,14 @@ class Design:
 
     Parameters
     ----------
-    trajectory : Trajectory
-        Where the laws are evaluated.
+    trajectory : where the laws are evaluated.
 
     Attributes
     ----------
-    lead : float
-        By how much the input is later than it was recorded (s).
-
+    lead : by how much the input is later than it was recorded (s).
     """
 
     def __init__(self, trajectory: Trajectory) -> None:
-        """Start with no regressor evaluated."""
         self.trajectory = trajectory
         self.lead = 0.0
         self._recorded = trajectory
@@ -119,7 +115,6 @@ class Design:
         -------
         ndarray, shape (rows, k)
             Of the k regressors of `terms`, which may not look at the prediction themselves.
-
         """
         parts = []
         for plain in terms:

@@ -43,13 +43,9 @@ def parameters(balance: InputBalance, index: int, blocks: Blocks) -> tuple[Param
 
     Parameters
     ----------
-    balance : InputBalance
-        The fitted model.
-    index : int
-        Which term.
-    blocks : Blocks
-        What is correlated.
-
+    balance : the fitted model.
+    index : which term.
+    blocks : what is correlated.
     """
     term, span = balance.terms[index], balance.span(index)
     fixed = balance.fixed

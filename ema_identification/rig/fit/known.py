@@ -104,16 +104,13 @@ def common_factor(start: InputBalance, end: InputBalance) -> float | None:
 
     Parameters
     ----------
-    start : InputBalance
-        The model as given; terms with bounds are known.
-    end : InputBalance
-        With what was found; one of the known terms was replaced.
+    start : the model as given; terms with bounds are known.
+    end : with what was found; one of the known terms was replaced.
 
     Returns
     -------
     float or None
         Only where two known terms or more share it and it is beyond `ALIKE`.
-
     """
     factors = []
     replaced = False

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from ema_identification.rig.laws import LAWS
-from ema_record.errors import UsageError, first_problem, unknown_name
+from ema_record.errors import UsageError, unknown_name, validated
 from ema_record.yaml_file import load_yaml
 from ema_rig.map import SEE, Finite
 from ema_rig.record import MAX_RIG_RATE, InputQuantity, Motion
@@ -109,17 +109,13 @@ def load_rig_model(path: str | Path | None) -> RigModel:
     ------
     UsageError
         The file cannot be read or is no model of a rig; one line says where and why.
-
     """
     if path is None:
         return DEFAULT_MODEL
     data = load_yaml(Path(path))
     if not isinstance(data, dict) or "terms" not in data:
         raise UsageError(f"{path}: no model of a rig: expected 'rig:' and 'terms:': {SEE}")
-    try:
-        model = RigModel.model_validate(data)
-    except ValidationError as error:
-        raise UsageError(first_problem(error, str(path), "model", SEE)) from None
+    model = validated(RigModel.model_validate, data, str(path), "model", SEE)
     for term in model.terms:
         _check_parameters(term, str(path))
     return model

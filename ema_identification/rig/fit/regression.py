@@ -44,11 +44,8 @@ def make_blocks(trajectory: Trajectory, residual: np.ndarray) -> Blocks:
 
     Parameters
     ----------
-    trajectory : Trajectory
-        Whose rows are divided; a block never spans a gap.
-    residual : ndarray, shape (rows,)
-        Of the freest model, so that what is left is noise.
-
+    trajectory : whose rows are divided; a block never spans a gap.
+    residual : ndarray, shape (rows,). Of the freest model, so that what is left is noise.
     """
     duration = len(residual) / trajectory.row_rate
     wanted = CORRELATION_TIMES * correlation_time(residual, trajectory.row_rate)
@@ -126,13 +123,9 @@ def fit(
 
     Parameters
     ----------
-    columns : ndarray, shape (rows, p)
-        Regressors.
-    target : ndarray, shape (rows,)
-        Input.
-    bounds : CoefficientBounds, optional
-        Of the coefficients.
-
+    columns : ndarray, shape (rows, p). Regressors.
+    target : ndarray, shape (rows,). Input.
+    bounds : of the coefficients.
     """
     count = columns.shape[1]
     if count == 0:

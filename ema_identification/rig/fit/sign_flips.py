@@ -45,15 +45,11 @@ def screen_by_sign_flips(
 
     Parameters
     ----------
-    candidates : sequence of ndarray, shape (rows, k)
-        Regressors of each candidate.
-    known : ndarray, shape (rows, p)
-        Regressors in the model, which candidates are made orthogonal to.
-    residual : ndarray, shape (rows,)
-        Of the model.
-    blocks : Blocks
-        What flips together.
-
+    candidates : sequence of ndarray, shape (rows, k). Regressors of each candidate.
+    known : ndarray, shape (rows, p). Regressors in the model, which candidates are made orthogonal
+        to.
+    residual : ndarray, shape (rows,). Of the model.
+    blocks : what flips together.
     """
     basis = orthonormal(known)
     sizes = np.array([columns.shape[1] for columns in candidates])
@@ -95,15 +91,12 @@ def p_of_much(
 
     Parameters
     ----------
-    columns, known : ndarray, shape (rows, k), (rows, p)
-        Regressors of the candidate, and those in the model.
-    before, after : ndarray, shape (rows,)
-        Residuals of the model without the candidate and with it.
-    blocks : Blocks
-        What flips together.
-    looks : int
-        Candidates that were looked at.
-
+    columns, known : ndarray, shape (rows, k), (rows, p). Regressors of the candidate, and those in
+        the model.
+    before, after : ndarray, shape (rows,). Residuals of the model without the candidate and with
+        it.
+    blocks : what flips together.
+    looks : candidates that were looked at.
     """
     basis = orthonormal(known)
     observed = _block_moments([columns], basis, before, blocks)[0][:, 0]
@@ -143,7 +136,6 @@ def _block_moments(
         Products of the residual and the orthonormal regressors, summed by block.
     coefficients : ndarray, shape (candidates, k)
         Of the regressors themselves, beside the known ones.
-
     """
     columns = np.concatenate(candidates, axis=1)
     count, size = len(candidates), candidates[0].shape[1]

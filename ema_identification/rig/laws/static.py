@@ -113,7 +113,6 @@ POSITION_DEPENDENT_FRICTION = Law(
     requires=("coulomb_friction",),
 )
 
-
 INERTIA = Law(
     name="inertia", meaning="inertia of everything that moves",
     equation="u = J a", reference="Newton's second law",
@@ -136,7 +135,6 @@ DISTURBANCE = Law(
     columns=lambda segment, _t, _s: (-segment.disturbance,),
     applies=lambda trajectory: trajectory.has_disturbance,
 )
-
 
 HIGHEST_ORDER = 400
 MAX_ORDERS = 800

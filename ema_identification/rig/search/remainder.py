@@ -55,13 +55,9 @@ def portrait(balance: InputBalance, blocks: Blocks, shapes: Sequence[GenericShap
 
     Parameters
     ----------
-    balance : InputBalance
-        The model.
-    blocks : Blocks
-        What is held out, and flips its sign, together.
-    shapes : sequence of GenericShape
-        All that are looked for; of waves only the strongest are held out.
-
+    balance : the model.
+    blocks : what is held out, and flips its sign, together.
+    shapes : all that are looked for; of waves only the strongest are held out.
     """
     found = screen_by_sign_flips([shape.columns for shape in shapes], balance.free_columns,
                                  balance.fit.residual, blocks)
@@ -128,15 +124,10 @@ def mimics(balance: InputBalance, blocks: Blocks, left: Left, first: int) -> lis
 
     Parameters
     ----------
-    balance : InputBalance
-        The model with what was added.
-    blocks : Blocks
-        What is held out together.
-    left : Left
-        What is left of it.
-    first : int
-        Index of the first term that was added.
-
+    balance : the model with what was added.
+    blocks : what is held out together.
+    left : what is left of it.
+    first : index of the first term that was added.
     """
     now, shaped = balance.squares(blocks), balance.squares_beside(left.shape.columns, blocks)
     taken = now - shaped

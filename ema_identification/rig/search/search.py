@@ -270,17 +270,12 @@ def search(
 
     Parameters
     ----------
-    start : InputBalance
-        The known terms.
-    blocks : Blocks
-        What is held out together.
-    shapes : list of GenericShape
-        Nameless shapes in speed, position, load and time.
+    start : the known terms.
+    blocks : what is held out together.
+    shapes : nameless shapes in speed, position, load and time.
     hidden : collection of str
         Names that may not be used.
-    report : callable
-        Takes a line for the person who waits.
-
+    report : takes a line for the person who waits.
     """
     smooth = [shape for shape in shapes if shape.order is None]
     look = Look(blocks=blocks, hidden=frozenset(hidden), report=report, smooth=smooth,

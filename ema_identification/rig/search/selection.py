@@ -36,13 +36,10 @@ def candidate_terms(
 
     Parameters
     ----------
-    balance : InputBalance
-        The model so far.
+    balance : the model so far.
     hidden : collection of str
         Names that may not be used.
-    peaks : sequence of float
-        Frequencies at which the residual has a wave in time (Hz).
-
+    peaks : frequencies at which the residual has a wave in time (Hz).
     """
     present = {term.law.name for term in balance.terms}
     keys = {term.key for term in balance.terms}
@@ -293,13 +290,9 @@ def prune(balance: InputBalance, blocks: Blocks, protected: int) -> list[Term]:
 
     Parameters
     ----------
-    balance : InputBalance
-        With all that was added.
-    blocks : Blocks
-        What is held out together.
-    protected : int
-        So many terms at the front are the model's own and stay.
-
+    balance : with all that was added.
+    blocks : what is held out together.
+    protected : so many terms at the front are the model's own and stay.
     """
     dropped: list[Term] = []
     while len(balance.terms) > protected:

@@ -32,11 +32,8 @@ def wave_stands(balance: InputBalance, index: int) -> bool:
 
     Parameters
     ----------
-    balance : InputBalance
-        Fitted, with the wave.
-    index : int
-        Its term.
-
+    balance : fitted, with the wave.
+    index : its term.
     """
     trajectory = balance.design.trajectory
     order = balance.terms[index].shape[0]

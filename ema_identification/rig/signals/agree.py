@@ -48,13 +48,10 @@ def agreeing_band(
 
     Parameters
     ----------
-    pieces : sequence of dict of ndarray
-        Stretches of a record, evenly sampled, with ``input`` and ``rate``.
-    edge, motion : float
-        Band of the response, and of the speed (Hz).
-    notes : list of str
-        The bands over which both agree are added, with the values.
-
+    pieces : sequence of dict of ndarray. Stretches of a record, evenly sampled, with ``input`` and
+        ``rate``.
+    edge, motion : band of the response, and of the speed (Hz).
+    notes : the bands over which both agree are added, with the values.
     """
     found: list[_Estimate] = []
     for octave in range(OCTAVES):

@@ -46,12 +46,9 @@ def response_band(values: np.ndarray, rate: float, *, is_position: bool) -> Band
 
     Parameters
     ----------
-    values : ndarray, shape (n,)
-        Position, or speed where that is measured; evenly sampled.
-    rate : float
-        Samples a second (1/s).
-    is_position : bool
-        Whether `values` are positions.
+    values : ndarray, shape (n,). Position, or speed where that is measured; evenly sampled.
+    rate : samples a second (1/s).
+    is_position : whether `values` are positions.
 
     Returns
     -------
@@ -60,7 +57,6 @@ def response_band(values: np.ndarray, rate: float, *, is_position: bool) -> Band
         rate; the edge is where the median density of a narrow bin last exceeds it tenfold,
         or where the harmonics of the motion end, if the noise of the acceleration is small
         to there.
-
     """
     length = min(len(values), max(256, min(len(values) // 4, 8192)))
     frequency, density = signal.welch(
@@ -125,18 +121,14 @@ def speed_lag(pieces: Sequence[Piece], band: float, motion: float) -> float:
 
     Parameters
     ----------
-    pieces : sequence of dict of ndarray
-        Stretches without a gap, with position and speed.
-    band : float
-        Where both are looked at (Hz).
-    motion : float
-        Frequency below which the power of the speed lies (Hz).
+    pieces : sequence of dict of ndarray. Stretches without a gap, with position and speed.
+    band : where both are looked at (Hz).
+    motion : frequency below which the power of the speed lies (Hz).
 
     Returns
     -------
     float
         Zero where the lag is not clear, below `LEAST` intervals or beyond `MOST` periods.
-
     """
     rate = float(pieces[0]["rate"])
     total = 0.0

@@ -82,7 +82,6 @@ def check_columns(record: RigRecord) -> None:
     InvalidRecordError
         The position jumps as a counter that starts again; speed and position do not belong
         together, or their ratio is not 1: the column or the unit that it suggests is named.
-
     """
     if record.has(POSITION):
         _check_wraps(record)
@@ -184,18 +183,14 @@ def check_input(
 
     Parameters
     ----------
-    record : RigRecord
-        As recorded.
-    trajectory : Trajectory
-        Its motion.
-    prepared : callable
-        Makes the trajectory of another record, None where it cannot be used.
+    record : as recorded.
+    trajectory : its motion.
+    prepared : makes the trajectory of another record, None where it cannot be used.
 
     Raises
     ------
     InvalidRecordError
         The input is reversed, has lost its sign, is clipped, or is swapped with the motion.
-
     """
     taking, free = _needs(trajectory)
     target = trajectory.target

@@ -31,7 +31,6 @@ def check_range(record: RigRecord, level: float) -> None:
     InvalidRecordError
         Where the position leaves one of its extremes, at which it stayed without any change, it
         bends more sharply than anywhere else, and the input does not push it.
-
     """
     position = record.channel(POSITION)
     stays = {side: _stays(side * position) for side in (1.0, -1.0)}
@@ -65,15 +64,11 @@ def _leaves_at_speed(
 
     Parameters
     ----------
-    position, drive : ndarray, shape (n,)
-        As recorded.
-    own, stays : ndarray of int, shape (k, 2)
-        At one extreme and at both: first sample, first one after it.
-    lag : int
-        Samples to either side over which a bend is seen.
-    level : float
-        Of all looks together.
-
+    position, drive : ndarray, shape (n,). As recorded.
+    own, stays : ndarray of int, shape (k, 2). At one extreme and at both: first sample, first one
+        after it.
+    lag : samples to either side over which a bend is seen.
+    level : of all looks together.
     """
     own = own[(own[:, 1] - own[:, 0] >= lag) & (own[:, 1] + lag < len(position))]
     if not len(own):

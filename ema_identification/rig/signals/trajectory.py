@@ -32,18 +32,12 @@ class Segment:
 
     Attributes
     ----------
-    step : float
-        Interval (s).
-    time, input, position : ndarray
-        As recorded.
-    speed, acceleration : ndarray
-        As measured or derived; for terms that are linear in them.
-    smooth_speed : ndarray
-        Within the band, by a filter that does not overshoot; for terms that look at the sign
-        or the size of the speed.
-    disturbance : ndarray
-        Known force or torque from outside, zero where none was recorded.
-
+    step : interval (s).
+    time, input, position : ndarray. As recorded.
+    speed, acceleration : ndarray. As measured or derived; for terms that are linear in them.
+    smooth_speed : ndarray. Within the band, by a filter that does not overshoot; for terms that
+        look at the sign or the size of the speed.
+    disturbance : ndarray. Known force or torque from outside, zero where none was recorded.
     """
 
     step: float
@@ -63,7 +57,6 @@ class Segment:
         return 1.0 / self.step
 
     def __len__(self) -> int:
-        """Return the number of samples."""
         return len(self.time)
 
 
@@ -239,11 +232,8 @@ def low_pass(values: np.ndarray, rate: float, band: float) -> np.ndarray:
 
     Parameters
     ----------
-    values : ndarray, shape (n,) or (n, k)
-        Evenly sampled along the first axis.
-    rate, band : float
-        Samples a second (1/s), cut-off (Hz).
-
+    values : ndarray, shape (n,) or (n, k). Evenly sampled along the first axis.
+    rate, band : samples a second (1/s), cut-off (Hz).
     """
     if band >= 0.45 * rate:
         return values
@@ -263,11 +253,8 @@ def monotone_low_pass(values: np.ndarray, rate: float, band: float) -> np.ndarra
 
     Parameters
     ----------
-    values : ndarray, shape (n,)
-        Evenly sampled.
-    rate, band : float
-        Samples a second (1/s); where it passes a half, like `low_pass` (Hz).
-
+    values : ndarray, shape (n,). Evenly sampled.
+    rate, band : samples a second (1/s); where it passes a half, like `low_pass` (Hz).
     """
     if band >= 0.45 * rate:
         return values

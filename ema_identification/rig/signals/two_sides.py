@@ -19,7 +19,6 @@ BLOCKS = 12
 FOLLOWS = 0.9
 """Least correlation of the two positions."""
 
-
 Interval = tuple[float, float, float]
 """Value, and the ends of its interval of `INTERVAL_LEVEL`."""
 
@@ -33,11 +32,8 @@ def lost_and_wound(pieces: Sequence[dict[str, np.ndarray]], band: float) -> \
 
     Parameters
     ----------
-    pieces : sequence of dict
-        Stretches of a record, evenly sampled, with ``rate`` (1/s).
-    band : float
-        Cut-off below which the motion stands above its noise (Hz).
-
+    pieces : stretches of a record, evenly sampled, with ``rate`` (1/s).
+    band : cut-off below which the motion stands above its noise (Hz).
     """
     rows: list[np.ndarray] = []
     for piece in pieces:
