@@ -195,18 +195,18 @@ class SimulatorNode(EmaNode):
                 self._deadman.update(stamp_of(sign), time.monotonic())
 
     def _stop_if_unsafe(self) -> None:
-        """Stop the surface where the interlock is open, or nobody watches the command."""
+        """Stop the surface where the interlock is open or nobody watches; tell of any stop."""
         self._listen()
         actuator, now = self._actuator, time.monotonic()
-        if not actuator.active or actuator.stopped:
+        if not actuator.active:
             return
-        reason = self._interlock.reason(now, self._begun) or self._deadman.reason(
-            actuator.command_stamp, now)
-        if reason:
+        if not actuator.stopped and (reason := self._interlock.reason(now, self._begun)
+                                     or self._deadman.reason(actuator.command_stamp, now)):
             actuator.stop(reason)
-        if actuator.stopped:
-            self.get_logger().warning(f"stopped: {actuator.stopped}")
-            self._level, self._message = WARN, f"stopped: {actuator.stopped}"
+        said = f"stopped: {actuator.stopped}"
+        if actuator.stopped and not self._message.startswith(said):  # also of its own accord
+            self.get_logger().warning(said)
+            self._level, self._message = WARN, said
             self._publish_status()
 
     def _tick(self) -> None:

@@ -107,8 +107,7 @@ def identify_rig(
     same = given.settings.model_copy(
         update={"band": trajectory.band, "standstill": trajectory.standstill})
     held = tuple(Design(prepare([record], same)) for record in validate)
-    waves = waves_in_position(design)
-    shapes = [*smooth, *waves]
+    shapes = [*smooth, *waves_in_position(design)]
     before = tuple(portrait(start, blocks, shapes))
     share = [0.2]
 

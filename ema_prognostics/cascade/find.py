@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -98,15 +98,10 @@ class Detection:
         return found
 
 
-class Classifier:
-    """Whether, or which: one network at work."""
-
-    def __init__(self, part: MemberPart, inputs: Inputs) -> None:
-        self._network, self._columns = part.network.build(), inputs.columns(part.inputs)
-
-    def __call__(self, u: np.ndarray) -> np.ndarray:
-        """Return the probability, shape (n,), for all inputs `u`, shape (n, inputs)."""
-        return self._network(u[:, self._columns])[:, 0]
+def classifier(part: MemberPart, inputs: Inputs) -> Callable[[np.ndarray], np.ndarray]:
+    """Return what gives the probability, shape (n,), for all inputs, shape (n, inputs)."""
+    network, columns = part.network.build(), inputs.columns(part.inputs)
+    return lambda u: network(u[:, columns])[:, 0]
 
 
 class SeverityNetwork:
@@ -151,9 +146,9 @@ class Cascade:
             None if view.absolute_lines is None else view.absolute_lines.build(),
             np.array(view.center), np.array(view.spread),
         )
-        self._families = {n: Classifier(part, self.inputs) for n, part in view.families.items()}
+        self._families = {n: classifier(part, self.inputs) for n, part in view.families.items()}
         self._threshold = np.array([view.families[n].threshold for n in FAMILIES])
-        self._members = {n: Classifier(part, self.inputs) for n, part in view.members.items()}
+        self._members = {n: classifier(part, self.inputs) for n, part in view.members.items()}
         self._severity = {
             n: SeverityNetwork(part, self.inputs) for n, part in view.severity.items()
         }

@@ -137,8 +137,7 @@ def value_trend(
 
 def _since(number: np.ndarray, steps: tuple[StepChange, ...]) -> np.ndarray:
     """Return which records follow the last step."""
-    since: np.ndarray = number >= (steps[-1].record if steps else number[0])
-    return since
+    return np.asarray(number >= (steps[-1].record if steps else number[0]))
 
 
 def _growth(

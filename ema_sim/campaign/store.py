@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -84,12 +84,10 @@ class CampaignFolder:
                 temporary.write_text(text, encoding="utf-8")
         (self.path / CHUNKS).mkdir(exist_ok=True)
 
-    @contextmanager
-    def locked(self) -> Iterator[None]:
+    def locked(self) -> AbstractContextManager[None]:
         """Keep other processes from running the same campaign into this folder."""
-        with locked(self.path / ".lock",
-                    f"{self.path}: another process is running this campaign: wait for it"):
-            yield
+        return locked(self.path / ".lock",
+                      f"{self.path}: another process is running this campaign: wait for it")
 
     def done(self) -> set[int]:
         """Return the numbers of the chunks that are there."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from ema_record.actuator import Actuator
@@ -126,11 +126,8 @@ class SimulatorSettings:
 
 def settings_from(values: Mapping[str, Value], model: Model) -> SimulatorSettings:
     """Return the settings of checked parameter values (all of `parameter_specs`)."""
-    v: dict[str, Any] = dict(values)
-    effects = effects_from_mapping({name: v[name] for name in v if "." in name}, model.effects)
-    return SimulatorSettings(
-        actuator=model.actuator, effects=effects, serial_number=v["serial_number"],
-        seed=v["seed"], noise=v["noise"], rate=v["rate"], switching=v["switching"],
-        block_size=v["block_size"], real_time_factor=v["real_time_factor"],
-        initial_position=v["initial_position"],
-    )
+    effects = effects_from_mapping(
+        {name: value for name, value in values.items() if "." in name}, model.effects)
+    own: dict[str, Any] = {
+        f.name: values[f.name] for f in fields(SimulatorSettings) if f.name in values}
+    return SimulatorSettings(actuator=model.actuator, effects=effects, **own)

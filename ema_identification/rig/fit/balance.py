@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -67,12 +67,9 @@ class Design:
         new = [term for term in terms if term.key not in self._cache]
         for first in range(0, len(new), AT_ONCE):
             some = new[first:first + AT_ONCE]
-            columns = self._side_by_side(some)
-            at = 0
-            for term in some:
-                count = len(term.law.coefficients)
-                self._cache[term.key] = columns[:, at:at + count]
-                at += count
+            ends = np.cumsum([len(term.law.coefficients) for term in some])
+            for term, columns in zip(some, np.split(self._side_by_side(some), ends[:-1], axis=1)):
+                self._cache[term.key] = columns
 
     def _side_by_side(self, terms: Sequence[Term]) -> np.ndarray:
         return self.trajectory.reduce(lambda segment: np.column_stack([
@@ -199,16 +196,14 @@ class InputBalance:
     @property
     def fixed(self) -> np.ndarray:
         """Whether each coefficient stands at a bound or is known exactly, shape (columns,)."""
-        known: np.ndarray = self.fit.active | (self.bounds.low == self.bounds.high)
-        return known
+        return np.asarray(self.fit.active | (self.bounds.low == self.bounds.high))
 
     @cached_property
     def target(self) -> np.ndarray:
         """Input less what is fixed, shape (rows,)."""
         fixed = self.fixed
-        rest: np.ndarray = self.design.trajectory.target - (
-            self.columns[:, fixed] @ self.fit.coefficients[fixed])
-        return rest
+        return np.asarray(self.design.trajectory.target - (
+            self.columns[:, fixed] @ self.fit.coefficients[fixed]))
 
     @cached_property
     def free_columns(self) -> np.ndarray:
@@ -242,8 +237,8 @@ class InputBalance:
         for index, other in enumerate(self.terms):
             if other.key == term.key:
                 low[self.span(index)] = high[self.span(index)] = 0.0
-        return InputBalance(design=self.design, terms=(*self.terms, term),
-                            bounds=CoefficientBounds(low=low, high=high))
+        return replace(self, terms=(*self.terms, term),
+                       bounds=CoefficientBounds(low=low, high=high))
 
     def replaced(self, index: int) -> bool:
         """Return whether a later term takes the place of the one at `index`."""
@@ -295,7 +290,7 @@ class InputBalance:
 
     def led(self, lead: float) -> InputBalance:
         """Return the balance with the input later by `lead` (s) than it was recorded."""
-        return InputBalance(design=self.design.led(lead), terms=self.terms, bounds=self.bounds)
+        return replace(self, design=self.design.led(lead))
 
     def later(self, change: float, place: int) -> InputBalance:
         """Return the balance with its input later by `change` (s) and its delay smaller by that.
@@ -307,8 +302,8 @@ class InputBalance:
         low, high = self.bounds.low.copy(), self.bounds.high.copy()
         low[place] -= change
         high[place] -= change
-        return InputBalance(design=self.design.led(self.design.lead + change), terms=self.terms,
-                            bounds=CoefficientBounds(low=low, high=high))
+        return replace(self, design=self.design.led(self.design.lead + change),
+                       bounds=CoefficientBounds(low=low, high=high))
 
     def residual_on(self, design: Design) -> np.ndarray:
         """Return the residual of this fit on another record, shape (rows there,)."""

@@ -35,8 +35,7 @@ class Blocks:
 
     def sums(self, values: np.ndarray) -> np.ndarray:
         """Return the sums of rows within each block, shape (count, ...)."""
-        total: np.ndarray = np.add.reduceat(values, self.starts, axis=0)
-        return total
+        return np.asarray(np.add.reduceat(values, self.starts, axis=0))
 
 
 def make_blocks(trajectory: Trajectory, residual: np.ndarray) -> Blocks:
@@ -63,9 +62,7 @@ def _merged(of_row: np.ndarray) -> np.ndarray:
     """Join blocks of very few rows (at the ends of a segment) to the one before."""
     sizes = np.bincount(of_row)
     least = 0.2 * float(np.median(sizes))
-    new = np.cumsum(sizes >= least) - 1
-    numbered: np.ndarray = np.maximum(new, 0)[of_row]
-    return numbered
+    return np.asarray(np.maximum(np.cumsum(sizes >= least) - 1, 0)[of_row])
 
 
 def autocorrelation(values: np.ndarray, lags: int) -> np.ndarray:
@@ -112,8 +109,7 @@ def solve_normal_equations(gram: np.ndarray, moment: np.ndarray) -> np.ndarray:
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     solution, *_ = np.linalg.lstsq(
         gram / np.outer(scale, scale), moment / scale, rcond=RANK)
-    result: np.ndarray = solution / scale
-    return result
+    return np.asarray(solution / scale)
 
 
 def fit(
@@ -180,8 +176,7 @@ def covariance(columns: np.ndarray, residual: np.ndarray, blocks: Blocks) -> np.
         moment = own.T @ residual[first:last]
         left = solve_normal_equations(gram - own.T @ own, moment)
         spread += np.outer(left, left)
-    factor = (blocks.count - 1) / blocks.count
-    return factor * spread
+    return (blocks.count - 1) / blocks.count * spread
 
 
 def half_width(variance: float, blocks: Blocks) -> float:

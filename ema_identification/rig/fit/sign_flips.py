@@ -115,8 +115,7 @@ def orthonormal(columns: np.ndarray) -> np.ndarray:
     scale[scale == 0.0] = 1.0
     upper = np.linalg.qr(columns / scale)  # quicker than the singular values of all rows
     left, values, _ = np.linalg.svd(upper.R, full_matrices=False)
-    basis: np.ndarray = upper.Q @ left[:, values > 1e-9 * values[0]]
-    return basis
+    return np.asarray(upper.Q @ left[:, values > 1e-9 * values[0]])
 
 
 def squares_taken(columns: np.ndarray, basis: np.ndarray, residual: np.ndarray) -> float:

@@ -129,9 +129,7 @@ def unit_of(pattern: str, axis: Axis) -> str:
 def sign(segment: Segment, trajectory: Trajectory) -> np.ndarray:
     """Return the direction of motion, 0 at standstill, shape (n,)."""
     speed = segment.smooth_speed
-    direction: np.ndarray = np.where(
-        np.abs(speed) < 0.5 * trajectory.standstill, 0.0, np.sign(speed))
-    return direction
+    return np.where(np.abs(speed) < 0.5 * trajectory.standstill, 0.0, np.sign(speed))
 
 
 def physical(law: Law, shape: Sequence[float], coefficients: np.ndarray) -> dict[str, float]:

@@ -115,8 +115,7 @@ def spectrum(before: InputBalance, after: InputBalance) -> Panel:
 
     def waves(values: np.ndarray) -> np.ndarray:
         phase = np.exp(-1j * np.outer(grid, wave(trajectory, 1.0) * trajectory.position))
-        amplitude: np.ndarray = 2.0 * np.abs(phase @ values) / len(values)
-        return amplitude
+        return np.asarray(2.0 * np.abs(phase @ values) / len(values))
 
     port, label = _labels(trajectory)
     return Panel(

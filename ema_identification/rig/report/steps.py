@@ -10,6 +10,7 @@ from ema_identification.report.words import number
 from ema_identification.result import NamedEffect, Step
 from ema_identification.rig.fit.balance import InputBalance, rms
 from ema_identification.rig.fit.estimates import parameters
+from ema_identification.rig.fit.known import nominal_coefficients, term_of
 from ema_identification.rig.fit.model import (
     DEFAULT_TOLERANCE,
     KnownTerm,
@@ -187,7 +188,7 @@ def updated_text(given: RigModel, story: Story) -> str:
     """
     balance, blocks = story.found.balance, story.blocks
     trajectory = story.trajectory
-    free = {term.effect for term in given.terms if not term.parameters}
+    free = {term_of(entry).key for entry in given.terms if nominal_coefficients(entry)[1]}
     variance = covariance(balance.free_columns, balance.fit.residual, blocks)
     place = np.cumsum(~balance.fixed) - 1
     terms = []
@@ -199,8 +200,9 @@ def updated_text(given: RigModel, story: Story) -> str:
         estimated = parameters(balance, index, blocks)
         units += [f"{p.name} {p.unit}" for p in estimated if p.unit != "1"]
         estimate = {p.name.split(".")[1]: (p.value, p.low, p.high) for p in estimated}
-        if index < len(story.start.terms) and term.law.name in free:
-            terms.append(KnownTerm(effect=term.law.name, estimate=estimate))
+        if index < len(story.start.terms) and term.key in free:
+            terms.append(KnownTerm(effect=term.law.name, estimate=estimate,
+                                   parameters=dict(zip(term.law.shape, term.shape))))
             continue
         values = balance.fit.coefficients[span]
         if term.law.name == "control_delay":

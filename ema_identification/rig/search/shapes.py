@@ -219,5 +219,4 @@ def freest_columns(known: np.ndarray, shapes: list[GenericShape]) -> np.ndarray:
     columns = columns[:, scale > 1e-9 * scale.max()]
     upper = np.linalg.qr(columns / np.sqrt(np.mean(columns**2, axis=0)))  # quicker than svd
     left, values, _ = np.linalg.svd(upper.R, full_matrices=False)
-    kept: np.ndarray = upper.Q @ left[:, values > 1e-6 * values[0]] * np.sqrt(len(columns))
-    return kept
+    return np.asarray(upper.Q @ left[:, values > 1e-6 * values[0]] * np.sqrt(len(columns)))

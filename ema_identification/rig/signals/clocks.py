@@ -170,6 +170,5 @@ def earlier(values: np.ndarray, time: np.ndarray, lag: float) -> np.ndarray:
     """Return values as they were `lag` (s) later, so that a lag is taken out, shape (n,)."""
     if lag == 0.0:
         return values
-    shifted: np.ndarray = interpolate.CubicSpline(time, values)(
-        np.clip(time + lag, time[0], time[-1]))
-    return shifted
+    return np.asarray(interpolate.CubicSpline(time, values)(
+        np.clip(time + lag, time[0], time[-1])))

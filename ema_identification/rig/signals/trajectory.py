@@ -101,9 +101,7 @@ class Trajectory:
 
     def _reduced(self, segment: Segment, values: np.ndarray) -> np.ndarray:
         if self.decimation is not None:
-            reduced: np.ndarray = signal.decimate(
-                values, self.decimation, axis=0, zero_phase=True)
-            return reduced
+            return np.asarray(signal.decimate(values, self.decimation, axis=0, zero_phase=True))
         return self.smoothed(segment, values)[:: self._steps(segment)]
 
     def predicted(self, predictions: Sequence[np.ndarray]) -> Trajectory:
@@ -140,8 +138,7 @@ class Trajectory:
         total = np.concatenate([[0], np.cumsum(changes)])
         index = np.arange(len(segment))
         high, low = np.minimum(index + half + 1, len(segment)), np.maximum(index - half, 0)
-        near: np.ndarray = (total[high] > total[low]) & (half > 0)
-        return near
+        return np.asarray((total[high] > total[low]) & (half > 0))
 
     @cached_property
     def steady(self) -> np.ndarray:
@@ -262,8 +259,7 @@ def monotone_low_pass(values: np.ndarray, rate: float, band: float) -> np.ndarra
     reach = min(int(np.ceil(4.0 * wide)), len(values) - 1)
     bell = np.exp(-0.5 * (np.arange(-reach, reach + 1) / wide) ** 2)
     padded = np.pad(values, reach, mode="reflect", reflect_type="odd")
-    filtered: np.ndarray = signal.oaconvolve(padded, bell / bell.sum(), mode="valid")
-    return filtered
+    return np.asarray(signal.oaconvolve(padded, bell / bell.sum(), mode="valid"))
 
 
 def windowed(values: np.ndarray, rate: float, band: float) -> np.ndarray:
@@ -275,8 +271,7 @@ def windowed(values: np.ndarray, rate: float, band: float) -> np.ndarray:
     impulse[4 * half] = 1.0
     window = np.abs(low_pass(impulse, rate, band))[3 * half:5 * half + 1]
     padded = np.pad(values, half, mode="edge")
-    mean: np.ndarray = signal.oaconvolve(padded, window / window.sum(), mode="valid")
-    return mean
+    return np.asarray(signal.oaconvolve(padded, window / window.sum(), mode="valid"))
 
 
 _STENCIL = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0

@@ -7,8 +7,9 @@ import pytest
 import yaml
 
 from ema_cli.main import run
-from ema_identification.rig.fit.model import load_rig_model
+from ema_identification.rig.fit.model import KnownTerm, RigModel, load_rig_model
 from ema_identification.rig.verdict import outcome, unexplained
+from ema_identification.rig.workflow import identify_rig
 from ema_rig.bag import write_rig_bag
 
 
@@ -77,3 +78,13 @@ def test_the_check_alone_fits_nothing(bench, tmp_path, capsys):
         assert f"{option} with --check" in capsys.readouterr().err
     assert run(["identify", str(tmp_path / "bag")]) == 2
     assert "no --out: give the directory to make" in capsys.readouterr().err
+
+
+def test_a_term_of_which_only_the_shape_is_given_stays_free(bench):
+    given = RigModel(terms=(
+        KnownTerm(effect="inertia"), KnownTerm(effect="viscous_friction"),
+        KnownTerm(effect="spring", parameters={"rest": 0.1})))
+    record = bench(lambda _t, q, _v, _a: 2.0 * (q - 0.1))
+    spring = yaml.safe_load(identify_rig([record], given).model_text)["terms"][2]
+    assert spring["parameters"] == {"rest": 0.1}
+    assert spring["estimate"]["stiffness"][0] == pytest.approx(2.0, rel=0.05)
