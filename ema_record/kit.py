@@ -10,9 +10,11 @@ it starts inherit; `--kit` of a command and `kit` of a node set it.
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 import os
 import shlex
 import threading
+import time
 from collections.abc import Callable, Iterator
 from functools import cache, partial
 from pathlib import Path
@@ -125,13 +127,27 @@ def _set(kit: str | None) -> None:
 
 def with_present_kit(function: Callable[Given, Made]) -> Callable[Given, Made]:
     """Return a function for workers, which live longer than the kit they were started with."""
-    return partial(_with_kit, os.environ.get(ENVIRONMENT) or None, function)
+    return partial(_with_kit, os.environ.get(ENVIRONMENT) or None, os.getpid(), function)
 
 
-def _with_kit(kit: str | None, function: Callable[Given, Made], *given: Given.args,
+def _with_kit(kit: str | None, parent: int, function: Callable[Given, Made], *given: Given.args,
               **named: Given.kwargs) -> Made:
+    maker = multiprocessing.parent_process()
+    if maker is not None and maker.pid == parent:  # a worker of that process's own
+        _end_with(parent)
     with using_kit(kit):
         return function(*given, **named)
+
+
+@cache
+def _end_with(parent: int) -> None:
+    """End this worker within a second of its parent, however that ends (loky: after 300 s)."""
+    def wait() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def kit_path(name: str) -> Path:

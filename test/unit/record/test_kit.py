@@ -1,8 +1,12 @@
 """The kit's actuator by hash: what names it, and what is said of a record of another one."""
 
 import os
+import subprocess
+import sys
 import threading
+import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import yaml
@@ -158,3 +162,27 @@ def test_kits_of_two_threads_do_not_mix(second, monkeypatch):
     with using_kit(second), using_kit(None):
         assert kit_folder() == shipped_kit()
     assert "EMA_KIT" not in os.environ
+
+
+WORKERS = """
+import os, time
+from joblib import Parallel, delayed
+from ema_record.kit import with_present_kit
+
+def work(seconds):
+    print(os.getpid(), flush=True)
+    time.sleep(seconds)
+
+Parallel(n_jobs=2)(delayed(with_present_kit(work))(300) for _ in range(2))
+"""
+
+
+@pytest.mark.slow
+def test_workers_end_with_a_parent_that_was_killed():
+    with subprocess.Popen([sys.executable, "-c", WORKERS], stdout=subprocess.PIPE) as parent:
+        workers = [int(parent.stdout.readline()) for _ in range(2)]
+        parent.kill()
+    end = time.monotonic() + 20.0
+    while alive := [pid for pid in workers if Path(f"/proc/{pid}").exists()]:
+        assert time.monotonic() < end, f"{alive} still run"
+        time.sleep(0.2)

@@ -1,6 +1,8 @@
 """Text as people have it: words beside numbers, clocks, quotes, UTF-16, holes; the guessed map."""
 
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import yaml
 
 from ema_cli.main import run
 from ema_record.errors import InvalidRecordError, UsageError
+from ema_rig.array_files import read_parquet
 from ema_rig.guess import guess_map
 from ema_rig.import_file import import_file
 from ema_rig.map import map_from
@@ -183,6 +186,39 @@ def test_parquet(tmp_path):
     kept = np.delete(np.arange(N), [0, 7])
     np.testing.assert_allclose(record.time, T[kept] - T[1], atol=1e-9)
     np.testing.assert_allclose(record.input, CURRENT[kept], atol=1e-9)
+
+
+FLIPS = """
+import sys
+from pathlib import Path
+from ema_record.errors import RecordError
+from ema_rig.array_files import read_parquet
+path = Path(sys.argv[1])
+good = path.read_bytes()
+for at in range(len(good) - 900, len(good) - 8):
+    bad = bytearray(good)
+    bad[at] ^= 8
+    path.write_bytes(bad)
+    try:
+        read_parquet(path, ["t", "x"])
+    except RecordError:
+        pass
+"""
+
+
+def test_damaged_parquet_is_refused_and_ends_no_process(tmp_path):
+    pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    path = tmp_path / "a.parquet"
+    columns = pa.table({"t": T, "x": Q, "s": ["a"] * N})
+    pq.write_table(columns, path)
+    done = subprocess.run([sys.executable, "-c", FLIPS, path], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-500:]
+    pq.write_table(columns, path, write_page_checksum=True, compression="none")
+    data = bytearray(path.read_bytes())
+    data[data.index(T[5:9].tobytes())] ^= 1  # a number that is nearly the same
+    path.write_bytes(data)
+    with pytest.raises(InvalidRecordError, match="damaged"):
+        read_parquet(path, ["t"])
 
 
 def bench(head, scale=(1.0, 1.0, 1.0, 1.0)):
