@@ -62,7 +62,7 @@ setup(
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
         "export": ["pyarrow", "openpyxl", "h5py"],
         "dask": ["dask", "distributed"],
-        "docs": ["mkdocs"],
+        "docs": ["mkdocs", "latex2mathml"],
         "test": [
             "pytest",
             "pytest-timeout",
@@ -70,6 +70,7 @@ setup(
             "foxglove-sdk",
             "hypothesis",
             "mkdocs",
+            "latex2mathml",
             "pandas",
             "nbclient",
             "ipykernel",

@@ -1,18 +1,23 @@
-"""Hooks of mkdocs: links to files outside these pages become names; pictures are made."""
+"""Hooks of mkdocs: outside links become names, formulas MathML; pictures are made."""
 
 import importlib.util
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
+from latex2mathml.converter import convert
 from mkdocs.structure.files import File, Files
 
 OUTSIDE = re.compile(r"\[([^\]]+)\]\(((?:\.\./)+)([^)]+)\)")
+CODE = re.compile(r"(^```.*?^```|`[^`\n]+`)", re.DOTALL | re.MULTILINE)
+FORMULA = re.compile(r"\$\$(.+?)\$\$|(?<![\w$])\$(?=\S)([^$\n]+)(?<=\S)\$(?![\w$])", re.DOTALL)
 MAKE = Path(__file__).parent / "pictures" / "make.py"
 
 
 def on_files(files: Files, *, config: Any) -> Files:
     """Return the files with the pictures of the gallery, made now by the commands."""
+    sys.path.insert(0, str(Path(__file__).parents[1]))
     spec = importlib.util.spec_from_file_location("make_pictures", MAKE)
     assert spec is not None and spec.loader is not None
     make = importlib.util.module_from_spec(spec)
@@ -23,7 +28,7 @@ def on_files(files: Files, *, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
-    """Return the page with links to what is outside as text: the site holds none of that."""
+    """Return the page with formulas as MathML and links to what is outside as text."""
     depth = page.file.src_uri.count("/")
 
     def text(found: re.Match[str]) -> str:
@@ -31,4 +36,12 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
             return found[0]
         return f"{found[1]} (`{found[3]}` of the repository)"
 
-    return OUTSIDE.sub(text, markdown)
+    parts = CODE.split(OUTSIDE.sub(text, markdown))  # every second one is code
+    return "".join(part if n % 2 else FORMULA.sub(_mathml, part) for n, part in enumerate(parts))
+
+
+def _mathml(found: re.Match[str]) -> str:
+    """Return a formula as the browser draws it without a script."""
+    if found[1]:
+        return f"<div class='formula'>{convert(found[1], display='block')}</div>"
+    return str(convert(found[2]))

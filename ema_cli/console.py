@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 WRONG_USE = 2
+LITTLE = 0.02
+"""Part of the whole up to which a pace says nothing of the rest."""
 SOON = 3.0
 """Time before which a pace says nothing of the rest (s)."""
 BETWEEN_LINES = 10.0
@@ -183,7 +185,7 @@ def time_left(elapsed: float, part: float) -> str:
     elapsed : time so far (s).
     part : how much of the whole is done, 0 to 1.
     """
-    if elapsed < SOON or not 0.0 < part < 1.0:
+    if elapsed < SOON or not LITTLE < part < 1.0:
         return ""
     left = elapsed * (1.0 - part) / part
     for unit, seconds in (("h", 3600.0), ("min", 60.0)):

@@ -28,9 +28,10 @@ ObjectABag = Annotated[bool, typer.Option("--json", help="Print one JSON object 
 Domain = Annotated[int | None, typer.Option(
     "--domain", min=0, max=LAST_DOMAIN, help="ROS domain, default ROS_DOMAIN_ID.")]
 Commanded = Annotated[str | None, typer.Option(
-    "--profile", help="The test that was commanded (name or YAML file), in place of a bag's own.")]
+    "--profile", "-p", metavar="NAME|FILE.yaml",
+    help="The test that was commanded, in place of a bag's own.")]
 Cascade = Annotated[Path | None, typer.Option(
-    "--model", help="Model file of 'ema train', in place of the kit's.")]
+    "--model", metavar="FILE.json", help="Model file of 'ema train', in place of the kit's.")]
 Baseline = Annotated[Path | None, typer.Option(
     "--baseline", metavar="BAG", help="A healthy bag of the same actuator and test, from its "
     "acceptance: sharpens a verdict.")]

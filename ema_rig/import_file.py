@@ -301,7 +301,11 @@ def _actuator(rig_map: RigMap, path: Path) -> Record:
     samples = np.full((len(recorded), N_CHANNELS), np.nan)
     samples[:, [CHANNELS.index(channel) for channel in chosen]] = recorded
     check_samples(samples, str(path))
+    bus, warm = rig_map.bus_voltage, rig_map.winding_temperature
     return Record(
         samples=samples, profile=load_profile(rig_map.profile),
-        provenance=Provenance(software_version=VERSION, source=str(path)),
+        provenance=Provenance(software_version=VERSION, source=str(path),
+                              serial_number=rig_map.serial_number),
+        dc_bus=np.array([] if bus is None else [0.0, bus, 0.0]).reshape(-1, 3),
+        winding_temperature=np.array([] if warm is None else [0.0, warm]).reshape(-1, 2),
     )

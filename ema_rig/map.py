@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ema_record.channels import CHANNEL_NAMES, TIME, what_lacks
 from ema_record.errors import UsageError, validated
+from ema_record.record import UNKNOWN_SERIAL
 from ema_record.yaml_file import load_yaml
 from ema_rig.record import InputQuantity
 
@@ -17,6 +18,8 @@ RIG_COLUMNS = ("input", "position", "speed", "output_position", "reference_posit
                "reference_speed", "disturbance")
 """Columns of a rig, keys of its map."""
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+OF_THE_ACTUATOR = ("serial_number", "bus_voltage", "winding_temperature")
 ColumnName = Annotated[str, Field(min_length=1, max_length=200)] | Annotated[
     int, Field(ge=0, le=9999)]
 
@@ -141,6 +144,12 @@ class RigMap(_Part):
     """With ``axis: actuator``: channels of the built-in test, those that there are, but time."""
     profile: str = Field(default="extended", max_length=4096)
     """With ``axis: actuator``: the test profile."""
+    serial_number: str = Field(default=UNKNOWN_SERIAL, min_length=1, max_length=200)
+    """With ``axis: actuator``: of the unit; a baseline and `ema trend` go by it."""
+    bus_voltage: Positive | None = None
+    """With ``axis: actuator``: between the rails during the test (V); the nominal one without."""
+    winding_temperature: Annotated[float, Field(ge=-90.0, le=250.0)] | None = None
+    """With ``axis: actuator``: during the test (degC); 20 without it."""
     start: Finite | None = None
     """First time to take (s), as the file counts it after conversion."""
     end: Finite | None = None
@@ -173,6 +182,9 @@ class RigMap(_Part):
             if self.channels:
                 raise ValueError("'channels' is for 'axis: actuator'; a rig has 'input', "
                                  "'position', 'speed'")
+            for name in OF_THE_ACTUATOR:
+                if getattr(self, name) not in (None, UNKNOWN_SERIAL):
+                    raise ValueError(f"{name!r} is for 'axis: actuator'")
             if self.input is None:
                 raise ValueError("'input' is missing: the column of what drives the axis")
             if self.position is None and self.speed is None:

@@ -28,6 +28,7 @@ def check(
     profile: Commanded = None,
     model: Cascade = None,
     mode: Annotated[str, typer.Option(
+        metavar="robust|paper",
         help="robust: healthy class and guard; paper: the paper's two networks, which know "
         "no healthy actuator and no other than the default one.")] = "robust",
     baseline: Baseline = None,

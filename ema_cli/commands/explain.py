@@ -11,11 +11,13 @@ from ema_cli.console import print_json, stdout
 from ema_cli.lines import TextLine, print_lines
 from ema_cli.views.verdict import short
 from ema_prognostics.words import CLASSES, feature_words, scaled, words
-from ema_record.errors import unknown_name
+from ema_record.errors import UsageError, unknown_name
 
 OUTCOMES = ("healthy", "unknown", "incomplete", "invalid")
 TERMS = ("healthy_spread", "interval", "level", "probability", "baseline")
 LIST = "'ema explain' lists them"
+MOST_SAID = 4
+"""Reasons that are named at most where several have the words given."""
 
 
 def explain(
@@ -101,7 +103,11 @@ def explanation(text: str) -> list[TextLine]:
         by_title = {say(f"fault.{c}.title").lower(): c for c in CLASSES}
         if text.strip().lower() in by_title:
             return list(_fault(by_title[text.strip().lower()]))
-        raise unknown_name("fault, reason or check", text[:80], names, LIST)
+        said = list(dict.fromkeys(w for w in map(feature_words, features) if text.strip() in w))
+        if said:
+            more = "; ..." if len(said) > MOST_SAID else ""
+            raise UsageError(f"{text[:80]!r}: say which: {'; '.join(said[:MOST_SAID])}{more}")
+        raise unknown_name("fault, reason, check or term", text[:80], names, LIST)
     return list(_reason(same))
 
 

@@ -36,10 +36,11 @@ def export(
         "--plot", metavar="DIR", help="Plot the test, as PNG into DIR (of several bags, each into "
         "a folder of its own there); without --format and --out nothing else.")] = None,
     gain: Annotated[float | None, typer.Option(
-        metavar="N", help="Of a model: the force or torque at the axis of one A or V.")] = None,
+        metavar="N", help="Of a model: force (N) or torque (N m) at the axis a unit "
+        "of the input (A or V).")] = None,
     body_inertia: Annotated[float, typer.Option(
-        metavar="J", help="Of a model: the inertia about the axis that the simulator's bodies "
-        "have; the armature is the rest.")] = 0.0,
+        metavar="J", help="Of a model: inertia about the axis (kg m2; linear: mass, kg) "
+        "that the simulator's bodies have; the armature is the rest.")] = 0.0,
     as_json: Annotated[bool, typer.Option(
         "--json", help="Print what was written as JSON.")] = False,
 ) -> int:

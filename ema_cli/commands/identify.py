@@ -40,7 +40,8 @@ def identify(
         metavar="MEASURED...", help="Records of one unit: bags, directories of them, or what "
         "'ema import' made of a rig's data.")],
     out: Annotated[Path | None, typer.Option(
-        metavar="DIR", help="Directory to make: report.html, plots, JSON, model. Needed, but for "
+        "--out", "-o", metavar="DIR",
+        help="Directory to make: report.html, plots, JSON, model. Needed, but for "
         "--check.")] = None,
     validate: Annotated[list[Path] | None, typer.Option(
         metavar="BAG", help="A record of the same unit that takes no part in the fit, of another "
@@ -54,8 +55,8 @@ def identify(
     without: Annotated[list[str] | None, typer.Option(
         metavar="NAME", help="An effect of the catalogue to leave out; repeatable.")] = None,
     profile: Annotated[str | None, typer.Option(
-        help="The test that was commanded (name or YAML file), in place of the bags' own."
-    )] = None,
+        "--profile", "-p", metavar="NAME|FILE.yaml",
+        help="The test that was commanded, in place of the bags' own.")] = None,
     workers: Annotated[int, typer.Option(
         min=1, max=256,
         help="Simulations that run at a time; their number does not change the answer."

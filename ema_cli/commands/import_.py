@@ -50,7 +50,7 @@ def import_(
     as_json: Annotated[bool, typer.Option(
         "--json", help="Print what was read and written as JSON.")] = False,
 ) -> int:
-    """Convert a file of a rig (a ROS 2 bag, CSV, XLSX, MAT, HDF5) to a bag.
+    """Convert a file of a rig (ROS 2 bag, CSV, XLSX, MAT, HDF5, ...) to a bag.
 
     The map names columns, units and the axis; docs/rigs.md shows the form. Without one it is
     guessed: a joint of a JointState needs none, and a text file none that names columns and units.

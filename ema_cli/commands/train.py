@@ -13,7 +13,9 @@ from ema_cli.options import TrainingJobs
 
 
 def train(
-    out: Annotated[Path, typer.Option(help="New model file; one that exists is not touched.")],
+    out: Annotated[Path, typer.Option(
+        "--out", "-o", metavar="FILE.json",
+        help="New model file; one that exists is not touched.")],
     seed: Annotated[int, typer.Option(
         min=0, max=2**31 - 1, help="Of units, noise and initial weights.")] = 1,
     quick: Annotated[bool, typer.Option(

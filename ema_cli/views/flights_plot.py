@@ -38,6 +38,8 @@ NO_PHASE = BLUE
 LONGEST_AHEAD = 3.0
 """Of the flights that there are, drawn ahead at most."""
 FEWEST_AHEAD = 5
+TOP = 1.25
+"""Top of an axis, of the largest size that is measured or expected on it."""
 
 
 def trend_figure(trend: UnitTrend) -> Figure:
@@ -120,8 +122,8 @@ def _severity_panel(axes: Axes, faults: list[FaultTrend], end: float) -> None:
             axes.axvline(at, color=GREY, ls=":", lw=1.4, zorder=1)
         if fault.growth is not None and fault.outlook is not None:
             _cone(axes, fault, fault.growth, fault.outlook, scale, colour, end)
-    axes.set_ylim(bottom=0.0)
-    _level_lines(axes, faults, scale)
+    axes.set_ylim(0.0, min(axes.get_ylim()[1], _room(faults, scale, end)))
+    _level_lines(axes, faults, scale, end)
     for style, text in (("--", "first announced"), ("-", "confirmed"), (":", "gone or smaller")):
         axes.plot([], [], color=GREY, ls=style, label=text)
     axes.set_ylabel(f"{class_name(name)}\n({unit})")
@@ -129,7 +131,20 @@ def _severity_panel(axes: Axes, faults: list[FaultTrend], end: float) -> None:
                 title=say("label.trend"), title_fontsize=8.0)
 
 
-def _level_lines(axes: Axes, faults: list[FaultTrend], scale: float) -> None:
+def _room(faults: list[FaultTrend], scale: float, end: float) -> float:
+    """Return the top of the axis: what was measured and is expected; a wide cone is cut."""
+    most = [float(np.nanmax(part)) for fault in faults
+            for part in (fault.history.severity, fault.history.upper) if np.isfinite(part).any()]
+    for fault in faults:
+        if fault.outlook is not None:
+            ahead = np.array([0.0, max(0.0, end - len(fault.history.number))])
+            most.append(float(course(fault.outlook, ahead)[0][-1]))
+        most += [f.severity for f in fault.forecasts
+                 if f.flight is not None and f.interval[0] <= end]
+    return TOP * scale * max(most, default=np.inf)
+
+
+def _level_lines(axes: Axes, faults: list[FaultTrend], scale: float, end: float) -> None:
     """Draw the levels that are in sight, and the flights at which each is expected."""
     say = words()
     name = faults[0].history.fault_class
@@ -150,10 +165,13 @@ def _level_lines(axes: Axes, faults: list[FaultTrend], scale: float) -> None:
             first, last = ahead.interval
             axes.plot([first, last or 2.0 * ahead.flight], [scale * ahead.severity] * 2,
                       color=BLACK, lw=2.2, solid_capstyle="butt", zorder=4)
-            axes.plot(ahead.flight, scale * ahead.severity, "D", color=BLACK, ms=5.0, zorder=5)
+            beyond = ahead.flight > end + 1.0  # right of what is drawn: said at the edge
+            at = end + 1.0 if beyond else float(ahead.flight)
+            axes.plot(at, scale * ahead.severity, ">" if beyond else "D", color=BLACK, ms=5.0,
+                      zorder=5, clip_on=False)
             axes.annotate(f"{ahead.flight} ({first}–{last or '…'})",
-                          (ahead.flight, scale * ahead.severity), (0, 5),
-                          textcoords="offset points", ha="center", va="bottom", fontsize=8.0)
+                          (at, scale * ahead.severity), (0, 5), textcoords="offset points",
+                          ha="right" if beyond else "center", va="bottom", fontsize=8.0)
 
 
 def _cone(
@@ -168,7 +186,7 @@ def _cone(
     middle, low, high = (scale * part for part in course(outlook, ahead))
     axes.fill_between(now + ahead, np.maximum(low, 0.0), high, color=colour, alpha=0.15, lw=0.0,
                       label="90 %")
-    axes.plot(now + ahead, middle, color=colour, lw=1.4, ls=(0, (5, 2)))
+    axes.plot(now + ahead, middle, color=colour, lw=1.4, ls=(0, (5, 2)), label="expected")
 
 
 def _verdict_strip(axes: Axes, trend: UnitTrend) -> None:

@@ -15,6 +15,7 @@ from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.features.reversal import LostMotion, reversal_gap
 from ema_prognostics.features.signals import Signals, prepare
 from ema_prognostics.features.start import start_features
+from ema_prognostics.features.unequal_phases import deviations, with_unequal_phases
 from ema_prognostics.features.vector import SWINGS
 from ema_prognostics.features.winding import rise, winding
 from ema_record.actuator import FOC, RELAY, Actuator
@@ -59,7 +60,7 @@ def _start(signals: Signals, full: Balance, end: float) -> dict[str, float]:
             "speed_full": float(np.log(full.speed))}
 
 
-def _slow(signals: Signals, plan: TestPlan) -> dict[str, float]:
+def _slow(signals: Signals, plan: TestPlan, balances: dict[str, Balance]) -> dict[str, float]:
     """What the ramps and their reversals tell of friction, lost motion and stiffness."""
     found: dict[str, float] = {}
     floor = LEAST_TORQUE * signals.actuator.friction_torque
@@ -70,8 +71,12 @@ def _slow(signals: Signals, plan: TestPlan) -> dict[str, float]:
         for window in ramps)
     found["torque_ramp"] = float(np.log(max(0.5 * (ahead - back), floor)))
     found["load_ramp"] = 0.5 * (ahead + back)
+    names = ("quarter", "quarter_back")
+    # A reversal turns the rotor by less than two sectors: each phase counts by its own constant.
+    torque = with_unequal_phases(signals, deviations(
+        signals, [plan.segments[n] for n in names], [balances[n] for n in names]))
     gaps: list[LostMotion] = [
-        reversal_gap(signals, begin, plan.reversal_length, sense)
+        reversal_gap(torque, begin, plan.reversal_length, sense)
         for begin, sense in plan.reversals
     ]
     found["gap_width"] = 1e4 * 0.5 * (gaps[0].width + gaps[1].width)
@@ -137,7 +142,7 @@ def extract(
         name: torque_balance(signals, *segment) for name, segment in slews.items()}
     found: dict[str, float] = {}
     if kind == "extended":
-        slow = _slow(signals, plan)
+        slow = _slow(signals, plan, balances)
         dry, balances = dry_friction(
             signals, balances, list(plan.ramps.values()), exp(slow["torque_ramp"]))
         for speed in ("full", "quarter"):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from ema_prognostics.cascade.classes import LEVELS, levels_of
+from ema_prognostics.cascade.classes import LEVELS, level_of, levels_of
 from ema_prognostics.fleet.judging import JudgeSettings, Objects, judged_fleet
 from ema_prognostics.fleet.tables import COLUMNS, rows_of
 from ema_prognostics.trend.announcement import DEFAULT_RULE, ConfirmationRule
@@ -78,8 +78,9 @@ class FleetUnit:
         """Return the worst fault in words, or why there is no answer."""
         fault = self.worst
         if fault is not None:
-            return fault_words(
-                fault.history.fault_class, fault.history.phase, *_last_severity(fault))
+            name, (now, interval) = fault.history.fault_class, _last_severity(fault)
+            level = f", {level_of(name, now)}" if now is not None and name in LEVELS else ""
+            return fault_words(name, fault.history.phase, now, interval) + level
         if self.trend.suspected:
             return f"{class_name(next(iter(self.trend.suspected)))} grows"
         if self.silent is not None:

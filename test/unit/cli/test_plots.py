@@ -166,7 +166,8 @@ def test_evidence_shows_each_reason_outside_of_healthy_units(examined, monkeypat
         first, last = axes.get_xlim()
         assert first < min(low, value) and max(high, value) < last
     slow, full, *currents, course, _ = others
-    assert [axes.get_title(loc="right") for axes in (slow, full)] == ["quarter", "full speed"]
+    titles = [axes.get_title(loc="right") for axes in (slow, full)]
+    assert titles == ["quarter speed", "full speed"]
     sizes = slow.lines[-1].get_ydata()
     usual = [bar.get_height() for bar in slow.patches]
     beyond = [h + 1 for h in range(6) if sizes[h] > usual[h]]

@@ -175,6 +175,10 @@ def test_all_channels_of_the_actuator_make_an_ordinary_bag(tmp_path):
     with pytest.raises(InvalidRecordError, match="does not describe a rig"):
         read_rig_bag(tmp_path / "direct")
     assert not is_rig_bag(tmp_path / "direct")
+    data |= {"serial_number": "SN-7", "bus_voltage": 91.0, "winding_temperature": 40.0}
+    measured = import_file(tmp_path / "a.npz", map_from(data, "map"))
+    assert measured.provenance.serial_number == "SN-7"
+    assert (measured.dc_bus[:, 1], measured.winding_temperature[:, 1]) == (91.0, 40.0)
     del data["channels"]["rotor_angle"]
     del data["channels"]["phase_current_a"]
     part = import_file(tmp_path / "a.npz", map_from(data, "map"))
@@ -196,6 +200,7 @@ def test_all_channels_of_the_actuator_make_an_ordinary_bag(tmp_path):
     ({"time": {"unit": "s"}}, "either 'column' or 'rate'"),
     ({"start": 2.0, "end": 1.0}, "is not after 'start'"),
     ({"channels": {"motor_speed": {"column": "w", "unit": "rpm"}}}, "for 'axis: actuator'"),
+    ({"bus_voltage": 96.0}, "'bus_voltage' is for 'axis: actuator'"),
 ])
 def test_wrong_maps_say_where(change, match):
     data = {k: v for k, v in {**MAP, **change}.items() if v is not None}

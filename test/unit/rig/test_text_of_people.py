@@ -211,7 +211,8 @@ def test_damaged_parquet_is_refused_and_ends_no_process(tmp_path):
     path = tmp_path / "a.parquet"
     columns = pa.table({"t": T, "x": Q, "s": ["a"] * N})
     pq.write_table(columns, path)
-    done = subprocess.run([sys.executable, "-c", FLIPS, path], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", FLIPS, path], check=False, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-500:]
     pq.write_table(columns, path, write_page_checksum=True, compression="none")
     data = bytearray(path.read_bytes())
