@@ -12,6 +12,7 @@ from sklearn.covariance import ledoit_wolf_shrinkage
 from ema_identification.__main__ import main
 from ema_identification.actuator.decision import fit
 from ema_identification.actuator.decision.joint import joint_unit
+from ema_identification.actuator.decision.models import Models
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.fleet.surrogate import (
     FleetLibrary,
@@ -30,15 +31,23 @@ from ema_identification.actuator.fleet.units import (
     deviations,
     draw_fleet_conditions,
     draw_fleet_unit,
+    fleet_record,
     fleet_runs,
     fleet_unit,
     of_day,
     unit_numbers,
 )
-from ema_identification.actuator.gap import HeldOut
+from ema_identification.actuator.gap import LETS_GO, HeldOut
 from ema_identification.actuator.library import build as library_build
 from ema_identification.actuator.library.baseline import with_baselines
-from ema_identification.actuator.library.build import agrees, as_arrays, from_arrays, probed, title
+from ema_identification.actuator.library.build import (
+    agrees,
+    as_arrays,
+    fleet_library,
+    from_arrays,
+    probed,
+    title,
+)
 from ema_identification.actuator.measure.features import feature_map
 from ema_identification.actuator.measure.runs import spread_out
 from ema_identification.actuator.measure.tolerances import (
@@ -180,6 +189,22 @@ def test_what_is_shipped_of_healthy_units_is_of_the_shipped_libraries(tmp_path, 
         assert changed.healthy.shape == (FULL.set_aside, 4) and 0.0 < apart < 2.0
     made = [path.name for path in tmp_path.rglob("*.npz") if not path.name.startswith("agreed_")]
     assert made == []  # python -m ema_identification step extended
+
+
+@pytest.mark.slow
+def test_the_day_of_a_held_out_record_is_found_where_its_shaft_slips():
+    """Wound to its bound, beside its rest and under load, it slips as the test begins."""
+    def tested(name, z):
+        library = fleet_library(MODEL, load_profile(name), rate=20_000.0, workers=2)
+        record = fleet_record(MODEL, SPREAD, library.fmap, z, RecordConditions(), seed=4)
+        return fit.TestedUnit(library=library, values=library.fmap.extract(record), workers=2,
+                              conditions=align(record, MODEL))
+
+    z = np.zeros(len(unit_numbers(MODEL.actuator)))
+    fitted = tested("extended", z)
+    z[LETS_GO] = -0.9, 1.0, 1.0
+    found = HeldOut(unit=tested("step", z), fitted=fitted).gap([Models(fitted).null])
+    assert found.values[0] < found.bound
 
 
 def test_a_library_of_another_model_test_or_code_has_another_name(shipped):

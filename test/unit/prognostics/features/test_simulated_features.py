@@ -68,6 +68,18 @@ def test_gap_is_the_backlash(machine: Machine) -> None:
     assert found["gap_torque"] == pytest.approx(healthy["gap_torque"], abs=0.03)
 
 
+@pytest.mark.parametrize("settings", [
+    ("turn_short.fraction=0.15", "turn_short.phase=b"),
+    ("rotor_eccentricity.zeta=0.2", "rotor_eccentricity.mode=static"),
+])
+@pytest.mark.parametrize("angle", [0.0, 2.0, 4.0])
+def test_unequal_phases_are_no_lost_motion(settings: tuple[str, ...], angle: float) -> None:
+    record = simulate(load_profile("extended"), effects=parse_effects(settings), seed=3,
+                      start_angle=angle)
+    found = extract(record, "extended", DEFAULT.actuator)
+    assert 1e-4 * found["gap_width"] == pytest.approx(1e-4, abs=1.5e-5)
+
+
 @both_machines
 def test_friction_of_motor_and_surface_part(machine: Machine) -> None:
     a, healthy = machine.actuator, features(machine)
