@@ -46,6 +46,7 @@ def test_a_free_rotor_is_where_its_speed_brings_it(sampling, at, machine):
     assert found[:, 8] == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [0.0, 0.4, 1.0])
 def test_an_instant_is_the_limit_of_short_means(at):
     """An instant is the mean over a very short interval.

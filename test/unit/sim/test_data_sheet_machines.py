@@ -68,6 +68,7 @@ def test_a_relay_whose_band_is_wide_for_its_friction_reads_its_currents_right(se
     assert guard_findings(record, actuator) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "pairs"), [("step", "1"), ("extended", "1"), ("extended", "4")])
 def test_the_angle_of_a_pwm_drive_is_found_where_it_is_not_recorded(pairs, name):
     """The back-EMF drives a current across the torque axis: it was up to 73 degrees off."""
