@@ -270,10 +270,10 @@ class SimulatorNode(EmaNode):
                 "set it when it is idle"
             )
         values = {**self._values, **changed}
-        self._settings = settings_from(values, self._model)
+        settings = settings_from(values, self._model)
         if self._server is not None:
-            self._server.reconfigure(self._settings)
-        self._values = values
+            self._server.reconfigure(settings)
+        self._settings, self._values = settings, values
 
 
 def main() -> None:

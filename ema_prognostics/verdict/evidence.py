@@ -40,6 +40,7 @@ class ReadUnit(NamedTuple):
 
 
 UNITS: tuple[tuple[tuple[str, ...], ReadUnit], ...] = (
+    (("viscous_torque",), ReadUnit("N m", float)),
     (("_over_", "viscous_"), ReadUnit("", float)),
     (("_even_m", "_odd_m"), ReadUnit("% of the mean torque", lambda v: 0.1 * v)),
     (("resistance_spread", "inductance_spread", "rise_spread"),

@@ -175,7 +175,7 @@ def test_evidence_shows_each_reason_outside_of_healthy_units(examined, monkeypat
     assert sizes[1] == pytest.approx(100 * 0.278 * 0.098, rel=0.1)
     assert [axes.get_ylabel() for axes in currents] == ["a (A)", "b (A)", "c (A)"]
     assert len(course.patches) == 6 and {t.get_text() for t in course.texts} == {
-        "full speed", "quarter", "ramp"}
+        "full speed", "quarter speed", "slow ramp"}
 
 
 @pytest.mark.parametrize(("name", "begins"), [
