@@ -124,6 +124,7 @@ def test_refused_when_weight_on_wheels_is_stale(chain, watcher, tmp_path):
     assert records(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_aborts_when_the_aircraft_takes_off_and_stops_the_surface(chain, watcher, tmp_path):
     """It stays where it stopped; the next test moves it to its start."""
     chain("extended")
@@ -244,6 +245,7 @@ def test_who_is_tested_is_known(chain, watcher, begun, why):
     assert why in answer["by_name"]["test"]["message"]
 
 
+@pytest.mark.slow
 def test_damaged_messages_end_no_node_and_in_doubt_the_surface_stops(chain, watcher, tmp_path):
     running = chain("extended")
     damaged = [make_publisher(watcher.node, topic)
@@ -333,6 +335,7 @@ def test_refused_where_the_actuator_has_gone(chain, watcher, tmp_path):
     assert records(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_ctrl_c_closes_the_record_as_interrupted(chain, watcher, tmp_path):
     _, monitor = chain("extended")
     sent = []

@@ -75,6 +75,7 @@ def test_the_laws_of_two_masses_and_of_a_crank_follow_their_equations(bench):
     np.testing.assert_allclose(above, curve)
 
 
+@pytest.mark.slow
 def test_a_crank_is_named_with_its_order(bench):
     found = identify_rig([bench(
         lambda t, q, v, a: 0.02 * (np.cos(2 * q) * a - np.sin(2 * q) * v**2), duration=10.0)])

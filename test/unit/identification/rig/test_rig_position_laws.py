@@ -107,6 +107,7 @@ def test_wrong_pole_pairs_are_one_line(axis_of, pairs, says):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_pendulum_about_its_rest_is_no_spring_that_softens(bench):
     """A sine is a line less a cube, until it swings far: one law in place of two."""
     found = identify_rig([bench(lambda t, q, v, a: 1.5 * np.sin(q), duration=32.0)])
