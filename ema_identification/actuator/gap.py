@@ -36,7 +36,8 @@ DAY_STEPS = 2
 """Of a fit of what belongs to the day, in which the quadratic is nearly straight."""
 DRAWS, DAYS, TWISTS = 3 * SETTLED_RUNS, 40, np.linspace(-1.0, 1.0, 5)
 """Budget: runs over what the fitted records leave open; days that are tried, first twists."""
-LETS_GO = [[t.name for t in TOLERANCES].index("surface_load.constant"), -2, -1]
+LOAD = [t.name for t in TOLERANCES].index("surface_load.constant")
+LETS_GO = [LOAD, -2, -1]
 """Numbers of a day that friction answers: load, and how surface and shaft stand at the start."""
 
 

@@ -19,7 +19,7 @@ from ema_prognostics.features.unequal_phases import deviations, with_unequal_pha
 from ema_prognostics.features.vector import SWINGS
 from ema_prognostics.features.winding import rise, winding
 from ema_record.actuator import FOC, RELAY, Actuator
-from ema_record.channels import measured, median
+from ema_record.channels import fall_of_bus, median
 from ema_record.errors import IncompleteRecordError
 from ema_record.profiles.plan import TestPlan, test_plan
 from ema_record.record import Record
@@ -111,12 +111,7 @@ def _winding(signals: Signals, plan: TestPlan) -> dict[str, float]:
 def _sag(record: Record, actuator: Actuator) -> float:
     """Return the resistance of the supply, log of ohm: bus voltage against bus current."""
     least = LEAST_SAG * actuator.motor.phase_resistance
-    bus = measured(record.dc_bus)
-    if len(bus) < 4:
-        return float(np.log(least))
-    voltage, current = (bus[:, k] - bus[:, k].mean() for k in (1, 2))
-    slope = -float(voltage @ current) / max(float(current @ current), 1e-3)
-    return float(np.log(max(slope, least)))
+    return float(np.log(max(fall_of_bus(record.dc_bus), least)))
 
 
 def extract(

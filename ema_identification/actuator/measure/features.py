@@ -39,7 +39,7 @@ from ema_identification.actuator.measure.signals import (
     travels,
 )
 from ema_record.actuator import Actuator
-from ema_record.channels import measured
+from ema_record.channels import fall_of_bus
 from ema_record.profile import Profile
 from ema_record.record import Record
 
@@ -70,17 +70,6 @@ def converter_step(values: np.ndarray) -> float:
     return float(least) if least < np.inf else 0.0
 
 
-def _bus_slope(record: Record) -> float:
-    """Return by how much the bus falls a bus current (V/A); 0 if the record does not tell."""
-    bus = measured(record.dc_bus)
-    if len(bus) < 3:
-        return 0.0
-    voltage, current = bus[:, 1], bus[:, 2]
-    centred = current - current.mean()
-    power = float(centred @ centred)
-    return float(-(centred @ voltage) / power) if power > 1e-6 else 0.0
-
-
 def _log_step(found: float, nominal: float) -> float:
     return float(np.log2(max(found / nominal, LEAST_STEP)))
 
@@ -98,7 +87,7 @@ def consistency(record: Record, signals: DriveSignals, actuator: Actuator) -> li
         _log_step(converter_step(signals.position), c.position_range / 2.0**c.position_bits),
         _log_step(converter_step(signals.speed), c.speed_range / 2.0**c.speed_bits),
         1e3 * (float(start) - record.profile.start),
-        _bus_slope(record),
+        fall_of_bus(record.dc_bus),
         1e3 * (read * signals.pole_pairs - travel) / (length + 1.0),
     ]
 

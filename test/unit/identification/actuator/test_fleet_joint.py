@@ -237,14 +237,14 @@ def test_where_something_lets_go_the_load_of_the_day_is_looked_for():
     right = fit.LawFit(terms=(law,), z=np.zeros(SIZE), mean=BASE, cost=1.0, runs=8,
                        slopes=np.zeros((FEATURES, SIZE + 1)))
     near = gap._nearest_turn(held, right, 1.0)
-    found = gap._best_load(near, right, bound=2.0)
+    found = gap._best_day(near, right, bound=3.0)
     assert gap._off(near) > 2.0 * gap._off(found)
     assert found.z[load] == pytest.approx(-0.4, abs=0.1)
-    assert gap._best_load(found, right, bound=2.0) is found
+    assert gap._best_day(found, right, bound=3.0) is found
     nothing = replace(right, terms=(), slopes=right.slopes[:, 1:])  # has the same chance
     known = replace(held, simulator=lambda *given: lets_go(*given[:-1], effects))
     near = gap._nearest_turn(known, nothing, 1.0)
-    assert gap._best_load(near, nothing, bound=2.0).z[load] == pytest.approx(-0.4, abs=0.1)
+    assert gap._best_day(near, nothing, bound=3.0).z[load] == pytest.approx(-0.4, abs=0.1)
 
 
 def test_a_model_that_cannot_be_run_on_a_held_out_record_is_as_far_off_as_can_be(joint):
