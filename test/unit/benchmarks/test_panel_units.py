@@ -52,10 +52,7 @@ def test_an_effect_that_a_unit_beyond_its_bands_nearly_explains_is_named(tmp_pat
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "k", "what"), [
     (20263461, 21, "gear_mesh_ripple"),  # at an order without a signature, all else usual
-    pytest.param(  # another load on the day of the held-out record
-        20263471, 2, "load_dependent_friction", marks=pytest.mark.xfail(
-            strict=False, reason="contradicted by a library of 36 numbers (4.6 of 5.9 left), "
-            "explained by those of 33 and 35")),
+    (20263471, 2, "load_dependent_friction"),  # another load on the day of the held-out record
     (20263371, 7, "surface_load"),  # the surface turns the motor, on the held-out day it does not
 ])
 def test_what_earlier_panels_missed_is_named(tmp_path, monkeypatch, seed, k, what):
