@@ -222,8 +222,9 @@ def read_parquet(path: Path, needed: Sequence[str | int] | None) -> Table:
         with pq.ParquetFile(  # a text once, not a row
                 path, read_dictionary=words, page_checksum_verification=True) as file:
             total, parts = 0, []
-            for part in file.iter_batches(columns=wanted):  # asked for damaged metadata, pyarrow
-                total += part.nbytes                        # ends the process
+            # By what comes: asked for the sizes of damaged metadata, pyarrow ends the process.
+            for part in file.iter_batches(columns=wanted):
+                total += part.nbytes
                 if total > MAX_FILE_BYTES:
                     raise InvalidRecordError(f"{path}: more than {MAX_FILE_BYTES} bytes once "
                                              "unpacked: import a part of it")

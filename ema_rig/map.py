@@ -19,7 +19,7 @@ RIG_COLUMNS = ("input", "position", "speed", "output_position", "reference_posit
 """Columns of a rig, keys of its map."""
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-OF_THE_ACTUATOR = ("serial_number", "bus_voltage", "winding_temperature")
+OF_THE_ACTUATOR = {"serial_number", "bus_voltage", "winding_temperature"}
 ColumnName = Annotated[str, Field(min_length=1, max_length=200)] | Annotated[
     int, Field(ge=0, le=9999)]
 
@@ -182,9 +182,8 @@ class RigMap(_Part):
             if self.channels:
                 raise ValueError("'channels' is for 'axis: actuator'; a rig has 'input', "
                                  "'position', 'speed'")
-            for name in OF_THE_ACTUATOR:
-                if getattr(self, name) not in (None, UNKNOWN_SERIAL):
-                    raise ValueError(f"{name!r} is for 'axis: actuator'")
+            if given := sorted(self.model_fields_set & OF_THE_ACTUATOR):
+                raise ValueError(f"{given[0]!r} is for 'axis: actuator'")
             if self.input is None:
                 raise ValueError("'input' is missing: the column of what drives the axis")
             if self.position is None and self.speed is None:

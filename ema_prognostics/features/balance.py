@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_prognostics.features.signals import Signals
+from ema_prognostics.features.signals import Signals, phase_shares
 from ema_prognostics.features.turns import TURN, Turns, rotor_lines, waves_at, whole_turns
 from ema_prognostics.features.vector import SWING
 from ema_record.channels import TIME, median
@@ -31,6 +31,10 @@ LOWEST = 0.3
 LINE = 10.0
 """Multiple of the median line from which on one is a limit cycle's and no noise, of which a line
 exceeds r times the median with the probability 2^(-r²)."""
+WINDINGS = [1, 3]
+"""Where lines 2 and 4 stand among `line_orders`."""
+ZERO_SUM = np.array([[2.0, 0.0], [-1.0, np.sqrt(3.0)], [-1.0, -np.sqrt(3.0)]]) / np.sqrt(6.0)
+"""Deviations of three phases that sum to zero, orthonormal, shape (3, 2)."""
 DRIVEN = 0.01
 """Share of the torque of nominal friction below which the motor was driven from outside."""
 
@@ -175,6 +179,15 @@ def _without_cycle(
     return signal - np.array(columns).T @ fit[:len(columns)], told, swing
 
 
+def _turns(signals: Signals, begin: float, end: float, min_turns: int) -> tuple[Turns, slice]:
+    """Return the whole turns between two times after the first command (s), and their samples."""
+    t0 = signals.record.profile.command_time
+    turns = whole_turns(signals.record, (t0 + begin, t0 + end), min_turns=min_turns,
+                        pole_pairs=signals.actuator.motor.pole_pairs)
+    first = int(np.searchsorted(signals.time, turns.samples[0, 0]))
+    return turns, slice(first, first + len(turns.theta))
+
+
 def torque_balance(signals: Signals, begin: float, end: float, min_turns: int) -> Balance:
     """Return the balance between two times after the first command (s).
 
@@ -183,15 +196,11 @@ def torque_balance(signals: Signals, begin: float, end: float, min_turns: int) -
     IncompleteRecordError
         The motor did not turn, or was driven from outside.
     """
-    t0 = signals.record.profile.command_time
     motor = signals.actuator.motor
-    turns = whole_turns(signals.record, (t0 + begin, t0 + end), min_turns=min_turns,
-                        pole_pairs=motor.pole_pairs)
-    first = int(np.searchsorted(signals.time, turns.samples[0, 0]))
-    part = slice(first, first + len(turns.theta))
+    turns, part = _turns(signals, begin, end, min_turns)
     pairs = motor.pole_pairs
     # All segments count the electrical turns of one of the rotor from the record's first.
-    before = round((signals.theta[first] - turns.theta[0]) / TURN) % pairs
+    before = round((signals.theta[part.start] - turns.theta[0]) / TURN) % pairs
     turns = replace(turns, theta=turns.theta + TURN * before)
     signal = np.column_stack([signals.speed[part], signals.torque_current[part]])
     orders = line_orders(pairs)
@@ -215,3 +224,34 @@ def torque_balance(signals: Signals, begin: float, end: float, min_turns: int) -
     return Balance(
         residual[:HARMONICS], float(k2 * abs(mean)), float(abs(mean_speed)), largest,
         swing, told)
+
+
+def with_own_constants(
+    signals: Signals, slews: Sequence[tuple[float, float, int]], balances: Sequence[Balance]
+) -> Signals:
+    """Return signals whose torque current has each phase by the constant that it has itself.
+
+    A short or an eccentricity that stands still changes the constants, k_c -> k_c (1 + e_c). What
+    the torque current of equal phases leaves of the torque then has lines 2 and 4,
+    ``m_h = Σ e_c p_hc``, with p_c the share of phase c in the mean torque current. Both are even:
+    what the speed sensor makes up is not. What the phases have in common makes no line.
+
+    Parameters
+    ----------
+    slews : begin, end (s) and least turns of slews in both directions.
+    balances : of these.
+    """
+    shares = phase_shares(signals.theta, signals.currents, signals.actuator.motor)
+    told = np.logical_and.reduce([balance.told for balance in balances])[WINDINGS]
+    if not told.any():
+        return signals
+    made = []
+    for slew in slews:
+        turns, part = _turns(signals, *slew)
+        lines = rotor_lines(turns, shares[part], (2.0, 4.0))
+        made.append(lines[1:] / lines[0].sum().real)
+    design = np.mean(made, axis=0)[told] @ ZERO_SUM
+    wanted = np.mean([balance.residual[WINDINGS] for balance in balances], axis=0)[told]
+    fit = np.linalg.lstsq(np.vstack([design.real, design.imag]),
+                          np.concatenate([wanted.real, wanted.imag]), rcond=None)[0]
+    return replace(signals, torque_current=signals.torque_current + shares @ (ZERO_SUM @ fit))

@@ -7,7 +7,12 @@ from math import exp
 import numpy as np
 
 from ema_prognostics.features.acceleration import inertia
-from ema_prognostics.features.balance import HARMONICS, Balance, torque_balance
+from ema_prognostics.features.balance import (
+    HARMONICS,
+    Balance,
+    torque_balance,
+    with_own_constants,
+)
 from ema_prognostics.features.consistency import consistency
 from ema_prognostics.features.control_loop import control_loop
 from ema_prognostics.features.dry_friction import dry_friction
@@ -15,7 +20,6 @@ from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.features.reversal import LostMotion, reversal_gap
 from ema_prognostics.features.signals import Signals, prepare
 from ema_prognostics.features.start import start_features
-from ema_prognostics.features.unequal_phases import deviations, with_unequal_phases
 from ema_prognostics.features.vector import SWINGS
 from ema_prognostics.features.winding import rise, winding
 from ema_record.actuator import FOC, RELAY, Actuator
@@ -73,8 +77,8 @@ def _slow(signals: Signals, plan: TestPlan, balances: dict[str, Balance]) -> dic
     found["load_ramp"] = 0.5 * (ahead + back)
     names = ("quarter", "quarter_back")
     # A reversal turns the rotor by less than two sectors: each phase counts by its own constant.
-    torque = with_unequal_phases(signals, deviations(
-        signals, [plan.segments[n] for n in names], [balances[n] for n in names]))
+    torque = with_own_constants(
+        signals, [plan.segments[n] for n in names], [balances[n] for n in names])
     gaps: list[LostMotion] = [
         reversal_gap(torque, begin, plan.reversal_length, sense)
         for begin, sense in plan.reversals

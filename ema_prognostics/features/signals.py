@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ema_record.actuator import Actuator, load_actuator
+from ema_record.actuator import Actuator, Motor, load_actuator
 from ema_record.channels import (
     MOTOR_SPEED,
     PHASE_CURRENTS,
@@ -125,6 +125,12 @@ class Signals:
         return slice(int(first), int(last))
 
 
+def phase_shares(theta: np.ndarray, currents: np.ndarray, motor: Motor) -> np.ndarray:
+    """Return what each phase gives of the torque current, shape (n, 3) (A)."""
+    return np.column_stack([
+        0.5 * unit_back_emf(theta - k * THIRD, motor) * currents[:, k] for k in range(3)])
+
+
 def prepare(record: Record, actuator: Actuator | None = None) -> Signals:
     """Return the corrected signals of `record`; `actuator` is the nominal model."""
     if len(record) > MAX_SAMPLES:
@@ -137,9 +143,6 @@ def prepare(record: Record, actuator: Actuator | None = None) -> Signals:
     sensors = current_sensors(record, two=not there[PHASE_CURRENTS].all())
     currents = sensors.correct(samples[:, PHASE_CURRENTS])
     theta = np.unwrap(samples[:, ROTOR_ANGLE])
-    q = np.zeros(len(theta))
-    for phase in range(3):
-        q += unit_back_emf(theta - phase * THIRD, nominal.motor) * currents[:, phase]
     warm, rails = (measured(x[:, 1]) for x in (record.winding_temperature, record.dc_bus))
     temperature = float(median(warm)) if len(warm) else REFERENCE
     bus = float(median(rails)) if len(rails) else 2.0 * nominal.inverter.bus_voltage
@@ -149,7 +152,7 @@ def prepare(record: Record, actuator: Actuator | None = None) -> Signals:
         has_position=bool(there[SURFACE_POSITION]), rate=record.rate, time=samples[:, 0],
         speed=samples[:, MOTOR_SPEED], theta=theta, position=samples[:, SURFACE_POSITION],
         currents=currents,
-        torque_current=0.5 * q, sensors=sensors,
+        torque_current=phase_shares(theta, currents, nominal.motor).sum(axis=1), sensors=sensors,
         torque_constant=2.0 * nominal.motor.back_emf_constant * factor,
         temperature=temperature, bus_voltage=bus,
     )
