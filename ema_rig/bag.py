@@ -16,7 +16,8 @@ from ema_record.bag.metadata import RIG
 from ema_record.bag.read import read_bag
 from ema_record.bag.writer import RawBag
 from ema_record.channels import Channel
-from ema_record.errors import InvalidRecordError, validated
+from ema_record.errors import InvalidRecordError, UsageError, validated
+from ema_record.files import whole_or_nothing
 from ema_record.profile import load_profile
 from ema_record.record import Record
 from ema_record.version import VERSION
@@ -35,7 +36,12 @@ def write_rig_bag(record: RigRecord, path: str | Path) -> Path:
     ------
     OutputError
         `path` exists, or cannot be written.
+    UsageError
+        Times that no log time holds.
     """
+    if np.abs(record.time).max() * NANOSECONDS >= 2.0**62:
+        raise UsageError(f"times up to {np.abs(record.time).max():.3g} s: at most 4.6e9 s; count "
+                         "them from the first sample")
     bag = RawBag(
         path, topics=[TOPICS[SAMPLES]],
         records={RIG: {"axis": record.axis.model_dump_json(exclude_none=True),
@@ -43,11 +49,12 @@ def write_rig_bag(record: RigRecord, path: str | Path) -> Path:
     )
     shift = min(0.0, float(record.time[0]))
     label = ",".join(channel.label for channel in record.channels)
-    for first in range(0, len(record), BLOCK_SIZE):
-        block = record.samples[first:first + BLOCK_SIZE]
-        stamp = int(np.rint((block[-1, 0] - shift) * NANOSECONDS))
-        bag.write_raw(SAMPLES, encode_block(block, label), stamp)
-    return bag.finish({}, {"rig": record.axis.name, "software_version": VERSION})
+    with whole_or_nothing(bag.path):
+        for first in range(0, len(record), BLOCK_SIZE):
+            block = record.samples[first:first + BLOCK_SIZE]
+            stamp = int(np.rint((block[-1, 0] - shift) * NANOSECONDS))
+            bag.write_raw(SAMPLES, encode_block(block, label), stamp)
+        return bag.finish({}, {"rig": record.axis.name, "software_version": VERSION})
 
 
 def is_rig_bag(path: str | Path) -> bool:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ema_cli.console import note, print_json, progress, speech, stdout, styled
+from ema_cli.ending import TerminatedError
 from ema_cli.lines import TextLine, print_lines
 from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber, given_once
 from ema_cli.views.verdict import print_verdict
@@ -242,10 +243,10 @@ def new_log(out: Path) -> Path:
 
 @contextlib.contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP end the test as Ctrl-C does."""
+    """Let SIGTERM and SIGHUP end the test as Ctrl-C does, SIGTERM with its own status."""
 
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
+    def interrupt(number: int, _: object) -> None:
+        raise TerminatedError if number == signal.SIGTERM else KeyboardInterrupt
 
     numbers = (signal.SIGTERM, signal.SIGHUP)
     before = [signal.signal(number, interrupt) for number in numbers]

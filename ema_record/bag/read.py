@@ -13,6 +13,7 @@ from ema_record.bag.container import StoredMessage, read_content
 from ema_record.bag.metadata import read_test_metadata
 from ema_record.channels import SURFACE_POSITION, TIME
 from ema_record.errors import IncompleteRecordError, InvalidRecordError, RecordError, UsageError
+from ema_record.files import whole_or_nothing
 from ema_record.limits import MAX_DURATION, MAX_SAMPLES
 from ema_record.profile import Profile
 from ema_record.record import Record, SampleBlock, check_samples
@@ -237,7 +238,8 @@ def write_bag(record: Record, path: str | Path, *, views: bool = True) -> Path:
     OutputError
         `path` exists, or cannot be written.
     UsageError
-        No sample, times before the acceptance of the command, or a date that no message holds.
+        No sample, times that do not increase or are before the acceptance of the command, or a
+        date that no message holds.
     """
     from ema_record.bag.writer import BagWriter
 
@@ -245,8 +247,9 @@ def write_bag(record: Record, path: str | Path, *, views: bool = True) -> Path:
     if not (is_stamp(begin) and is_stamp(begin + round(MAX_DURATION * NANOSECONDS))):
         raise UsageError(f"start time {begin} ns: give nanoseconds since 1970, until 2038")
     messages = _messages(record, views=views)
-    with BagWriter(path, profile=record.profile, provenance=record.provenance,
-                   flush_interval=None) as writer:
+    writer = BagWriter(path, profile=record.profile, provenance=record.provenance,
+                       flush_interval=None)
+    with whole_or_nothing(writer.path), writer:
         for time, topic, data in messages:
             writer.write_raw(topic, data, time)
         return writer.close(record.provenance.status)
@@ -265,6 +268,8 @@ def _messages(record: Record, *, views: bool) -> list[tuple[int, str, bytes]]:
         time = int(_stamps(block[-1:, TIME], start)[0])
         messages.append((time, SAMPLES, encode_samples(block, columns)))
     if views and len(record) > 1:
+        if not np.median(np.diff(record.time)) > 0.0:
+            raise UsageError("the record's times do not increase: check the time channel")
         decimated = ViewDecimator(record.rate).push(record.samples)
         stamps = decimated.stamps(start).tolist()
         messages += _on(JOINT_STATES, stamps, decimated.joint_states(start))

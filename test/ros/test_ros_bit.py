@@ -180,7 +180,7 @@ def test_an_interrupted_test_leaves_a_marked_record_and_no_process(tmp_path, num
     process, children = start_and_wait_for_samples(out)
     process.send_signal(number)
     _, errors = process.communicate(timeout=15.0)
-    assert process.returncode == 130
+    assert process.returncode == 128 + number
     assert "Traceback" not in errors
     (path,) = [p for p in out.iterdir() if p.is_dir()]
     record = read_bag(path)

@@ -1,5 +1,6 @@
 """`ema import`: text, MAT and NPZ files through a map to a bag and back, and what is refused."""
 
+import dataclasses
 import gzip
 import io
 import pickle
@@ -137,6 +138,16 @@ def test_the_bag_holds_it_bit_for_bit_and_is_never_overwritten(tmp_path):
         write_rig_bag(record, tmp_path / "bag")
     with pytest.raises(RigRecordError, match="ema identify"):
         read_bag(tmp_path / "bag")
+
+
+@pytest.mark.parametrize("shift", [1e10, -1e10])
+def test_times_that_no_bag_holds_are_refused(shift, tmp_path):
+    np.savez(tmp_path / "a.npz", **columns())
+    record = import_file(tmp_path / "a.npz", map_from(MAP, "map"))
+    far = record.samples + shift * (np.arange(record.samples.shape[1]) == 0)
+    with pytest.raises(UsageError, match="count them from the first sample"):
+        write_rig_bag(dataclasses.replace(record, samples=far), tmp_path / "bag")
+    assert not (tmp_path / "bag").exists()
 
 
 @pytest.mark.parametrize("command", ["check", "lint", "export"])
