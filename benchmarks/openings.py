@@ -114,7 +114,7 @@ class Opening:
         else:
             nodes.wait(lambda: all(call.done() for call in self._calls), ANSWERED, "the answers")
         nodes.node.weight_on_wheels = True
-        nodes.stay(0.6)
+        nodes.stay(1.4)
         nodes.node.destroy_subscription(self._heard)
 
     def _monitor_is_new(self) -> bool:

@@ -292,10 +292,9 @@ class MonitorNode(EmaNode):
         path = self._recorder.close(action.status, action.start_time)
         if path is None:
             return
-        closed = time.time_ns()
         if self._request is not None:
             self._request.passed = bool(results) and worst(results) < Level.ERROR
-            self._request.statuses = record_statuses(path, action.status, closed, results)
+            self._request.statuses = record_statuses(path, action.status, time.time_ns(), results)
         if action.status == "complete":
             self._keeper.expect(path)
             self._record.publish(String(data=str(path.resolve())))
@@ -303,6 +302,8 @@ class MonitorNode(EmaNode):
 
     def _finish(self, reason: str) -> None:
         self._last_reason, self._failed = reason or "the last test ran to its end", bool(reason)
+        if reason:
+            self.get_logger().warning(f"test {reason}")
         request, self._request, self._began = self._request, None, None
         if request is not None:
             request.passed = request.passed and not reason

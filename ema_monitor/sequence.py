@@ -202,6 +202,9 @@ class TestSequence:
         return ""
 
     def _finding(self, seen: Observation) -> list[Action]:
+        if seen.foreign_command:
+            self.stage = Stage.IDLE
+            return [Finish("refused: another node commands the actuator")]
         actuator = seen.actuator
         waiting = seen.missing or (
             "no status '<node>: actuator' with its five keys on /diagnostics" if actuator is None

@@ -23,7 +23,7 @@ from ema_prognostics.verdict.verdict import Judged
 from ema_record.bag.container import METADATA_FILE
 from ema_record.bag.read import read_bag
 from ema_record.errors import EmaError, InvalidRecordError, RecordError, UsageError
-from ema_record.wire.topics import BIT_RECORD, SEVERITY, VERDICT
+from ema_record.wire.topics import BIT_RECORD, COMMAND, SEVERITY, VERDICT
 from ema_ros.ema_node import DIAGNOSTICS_PERIOD, EmaNode, declare_parameters
 from ema_ros.messages import (
     OK,
@@ -127,6 +127,8 @@ class PrognosticsNode(EmaNode):
         """Hand the serialised messages of a topic to the assembler, all that wait at once."""
 
         def callback(data: bytes) -> None:
+            if topic == COMMAND:
+                self._judge_what_was_seen()  # the next command would take its place
             for message in (data, *(taken.data for taken in take_all(self._live[topic]))):
                 try:
                     self._assembler.take(topic, message, time.monotonic())
@@ -156,8 +158,12 @@ class PrognosticsNode(EmaNode):
         self._publish(self._judge.of_record(record, path))
 
     def _poll(self) -> None:
-        """Diagnose what was seen on the topics, unless a recorder announces its records."""
+        """Listen where nobody announces records, and diagnose what was seen."""
         self._listen_unless_recorded()
+        self._judge_what_was_seen()
+
+    def _judge_what_was_seen(self) -> None:
+        """Diagnose what was seen on the topics, unless a recorder announces its records."""
         try:
             record = self._assembler.finished(time.monotonic())
         except EmaError as error:

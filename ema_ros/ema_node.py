@@ -47,7 +47,8 @@ class EmaNode(LifecycleNode):
     Raises
     ------
     UsageError
-        A parameter was given without a value, or the kit that `KIT` names is none.
+        A parameter was given without a value, the kit that `KIT` names is none, or ROS has no
+        namespace of that name.
     """
 
     name = ""
@@ -60,6 +61,11 @@ class EmaNode(LifecycleNode):
         except ValueError:
             raise UsageError(
                 "a parameter has no value, or an empty list for one: give NAME:=VALUE"
+            ) from None
+        except RuntimeError as error:  # of the library, with where it arose in its own sources
+            raise UsageError(
+                f"{str(error).partition(', at ')[0]}: a namespace is written /left_aileron, "
+                "without a slash at its end"
             ) from None
         refuse_wrong_transitions(self)
         self.exit_status: int | None = None

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 DEFAULT_TIMEOUT = 1.0
 """Age at which weight on wheels is no longer fresh (s); the aircraft sends ten a second."""
-HOLD = 0.25
-"""Time for which weight on wheels must be steady before it counts (s)."""
+HOLD = 1.25
+"""For how many times `timeout` weight on wheels must be steady after it was off before it counts.
+
+More than one: a source that says as rarely as it may that it is off is not overruled by another.
+"""
 
 
 class Interlock:
@@ -14,12 +17,12 @@ class Interlock:
     Parameters
     ----------
     timeout : age at which the last message is stale (s).
-    hold : time for which it must be steady after it was off (s).
+    hold : time for which it must be steady after it was off (s); None: `HOLD` times `timeout`.
     """
 
-    def __init__(self, timeout: float = DEFAULT_TIMEOUT, hold: float = HOLD) -> None:
+    def __init__(self, timeout: float = DEFAULT_TIMEOUT, hold: float | None = None) -> None:
         """Begin without any message: refused."""
-        self.timeout, self.hold = timeout, hold
+        self.timeout, self.hold = timeout, HOLD * timeout if hold is None else hold
         self._value = False
         self._received: float | None = None
         self._transit = 0.0

@@ -48,6 +48,7 @@ from ema_ros.messages import (
     status_name,
     take_all,
     try_publish,
+    unheard,
 )
 from ema_ros.parameters import ParameterSpec, Value
 from ema_ros.process import StopSignal, report, run_node
@@ -158,16 +159,18 @@ class SimulatorNode(EmaNode):
         now = time.monotonic()
         matched = self._outputs[SAMPLES].get_subscription_count()
         self._listen()
-        unheard = self._interlock.is_undecided(now, now)
+        undecided = self._interlock.is_undecided(now, now)
+        deaf = unheard(self, self._polled[DEADMAN])  # for a moment also while it is discovered
         if now < deadline and (
-            unheard or matched < self.count_subscribers(resolved(self, SAMPLES))
+            undecided or deaf or matched < self.count_subscribers(resolved(self, SAMPLES))
         ):
             return
         self._pending = None
         try:
-            forbidden = self._interlock.reason(now)
-            if forbidden:
-                raise TestRefusedError(forbidden)
+            if forbidden := self._interlock.reason(now):
+                raise TestRefusedError(forbidden + unheard(self, self._polled[WEIGHT_ON_WHEELS]))
+            if deaf:
+                raise TestRefusedError(f"who commands would not be watched{deaf}")
             self._actuator.command(points, stamp)
         except EmaError as error:
             self._refuse(error)
@@ -178,7 +181,7 @@ class SimulatorNode(EmaNode):
         self._publish_status()
 
     def _refuse(self, error: EmaError) -> None:
-        self.get_logger().warning(f"command refused: {error}")
+        self.get_logger().warning(f"command refused: {error}", throttle_duration_sec=1.0)
         why = f"stopped: {self._actuator.stopped}; " if self._actuator.stopped else ""
         self._level, self._message = WARN, f"{why}command refused: {error}"
         self._publish_status()

@@ -72,7 +72,9 @@ def profile_of_command(
     (time, target), = points
     way = abs(target - position) / actuator.slew_speed
     end = min(max(time, INVERTER_OFF + way + settling_time(actuator)), MAX_DURATION)
-    step = [(0.0, position), (INVERTER_OFF, position), (INVERTER_OFF, target), (end, target)]
+    stop = actuator.surface.end_stop
+    at = min(max(position, -stop), stop)  # it reads beyond it where its transducer is off
+    step = [(0.0, at), (INVERTER_OFF, at), (INVERTER_OFF, target), (end, target)]
     return load_profile_dict(
         {"name": UNNAMED, "points": step, "description": f"step read off {COMMAND}"}, COMMAND
     )

@@ -1,6 +1,8 @@
 """Several actuators on one domain: each in the namespace of its name."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -16,6 +18,14 @@ from ema_ros.messages import make_publisher
 pytestmark = pytest.mark.slow
 
 SHORT = "right_aileron:turn_short.fraction=0.1"
+
+
+def test_a_namespace_with_a_slash_at_its_end_is_told(ros_domain):
+    run = subprocess.run(
+        [sys.executable, "-m", MONITOR, "--ros-args", "-r", "__ns:=/left/"],
+        capture_output=True, text=True, timeout=60.0, check=False)
+    assert run.returncode == 2 and "Traceback" not in run.stderr, run.stderr
+    assert "without a slash at its end" in run.stderr.splitlines()[-1]
 
 
 def fleet(tmp_path, *arguments):

@@ -71,8 +71,8 @@ def test_a_test_moves_to_its_start_and_loses_no_sample(chain, watcher, tmp_path)
     assert record.samples[0, 9] == pytest.approx(-0.4, abs=2e-3)
 
 
-def test_refused_without_weight_on_wheels(chain, watcher, tmp_path):
-    chain()
+def test_refused_without_weight_on_wheels(chain, nodes, watcher, tmp_path):
+    _, monitor = chain()
     watcher.node.weight_on_wheels = False
     watcher.node.send_weight_on_wheels()
     watcher.spin_for(0.5)
@@ -81,6 +81,7 @@ def test_refused_without_weight_on_wheels(chain, watcher, tmp_path):
     assert answer["by_name"]["test"]["message"] == (
         "refused: no weight on wheels: the aircraft is not on the ground"
     )
+    assert "test refused: no weight on wheels" in nodes.log(monitor), "who reads the log alone"
     assert records(tmp_path) == []
     assert watcher.blocks == [], "the actuator moved"
 
@@ -153,7 +154,7 @@ def test_aborts_when_the_aircraft_takes_off_and_stops_the_surface(chain, watcher
 
     watcher.node.weight_on_wheels = True
     watcher.node.send_weight_on_wheels()
-    watcher.spin_for(0.3)
+    watcher.spin_for(1.4)
     answer = watcher.self_test()
     assert answer["passed"], "the monitor does not run another test after an abort"
     assert len(records(tmp_path)) == 2
@@ -399,7 +400,7 @@ def test_eight_callers_at_once_get_one_test_and_seven_refusals(chain, watcher, t
 def test_an_interlock_that_opens_aborts_the_test_while_calls_wait(chain, watcher, tmp_path):
     """Also where the calls came before the first weight on wheels, and all waited for it."""
     watcher.node.send = False
-    chain("extended", weight_on_wheels_timeout=10.0)
+    chain("extended", weight_on_wheels_timeout=2.0)
     calls = eight_callers(watcher)
     watcher.spin_for(0.3)
     assert not any(call.done() for call in calls)
@@ -420,7 +421,7 @@ def test_an_interlock_that_opens_aborts_the_test_while_calls_wait(chain, watcher
     (refused, *_) = messages(watcher, eight_callers(watcher))
     assert refused == "refused: no weight on wheels: the aircraft is not on the ground"
     watcher.node.weight_on_wheels = True
-    watcher.spin_for(0.5)
+    watcher.spin_for(2.7)
     assert watcher.self_test()["passed"], "weight on wheels is not evaluated any more"
 
 

@@ -5,13 +5,14 @@ import pytest
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from ros_processes import MONITOR, PROGNOSTICS, SIMULATOR
+from std_msgs.msg import Header
 
 from ema_monitor.moves import step_to
 from ema_record.profile import load_profile
-from ema_record.wire.topics import SAMPLES, TOPICS
-from ema_ros.messages import qos_profile
+from ema_record.wire.topics import DEADMAN, SAMPLES, TOPICS
+from ema_ros.messages import make_publisher, qos_profile
 from ema_sim.effects import EFFECTS
 
 
@@ -92,6 +93,25 @@ def test_it_obeys_on_the_wheels_alone(nodes, watcher):
                  what="the stop of a silent aircraft")
     watcher.wait(lambda: watcher.actuator["state"] == "idle", what="surface at rest")
     assert watcher.actuator["command_stamp"] == stamp
+
+
+@pytest.mark.slow
+def test_who_would_think_that_he_is_watched_is_refused(nodes, watcher):
+    """Signs of life at best effort are not heard; beside others that are, they do not matter."""
+    nodes.start(SIMULATOR)
+    watcher.wait_for_simulator()
+    watcher.node.create_publisher(Header, DEADMAN, QoSProfile(
+        depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+    watcher.spin_for(0.5)
+    watcher.command(load_profile("step"))
+    watcher.wait(lambda: "refused" in watcher.actuator["message"], what="refusal")
+    assert f"({DEADMAN} is published, but not reliably)" in watcher.actuator["message"]
+    assert watcher.blocks == []
+    heard = make_publisher(watcher.node, DEADMAN)
+    watcher.wait(lambda: heard.get_subscription_count() > 0, what="the match")
+    watcher.spin_for(0.2)
+    watcher.command(load_profile("step"))
+    watcher.wait(lambda: watcher.blocks, what="samples")
 
 
 @pytest.mark.slow

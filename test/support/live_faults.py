@@ -286,7 +286,7 @@ def verdict_on(found: Chain, record: str) -> dict[str, Any]:
 def one(found: Chain, kind: Kind, rng: Random) -> dict[str, Any]:
     """Run one test with one fault; return what came of it, "wrong" empty where all is well."""
     found.ready()
-    found.stay(0.5)
+    found.stay(1.4)
     before = records(found.out)
     fault = kind.make(found, rng)
     begin = time.monotonic()

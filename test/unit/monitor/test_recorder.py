@@ -5,6 +5,7 @@ import pytest
 
 from ema_monitor.recorder import BitRecorder, LogClock, new_bag_path
 from ema_record.bag.read import read_bag
+from ema_record.channels import SURFACE_POSITION
 from ema_record.errors import InvalidRecordError
 from ema_record.profile import load_profile
 from ema_record.wire.samples import encode_block
@@ -18,7 +19,10 @@ def test_names_tell_serial_time_and_profile_and_are_unique(tmp_path):
     first = new_bag_path(tmp_path, "EMA 1/7", STAMP, "step")
     assert first.name == "EMA-1-7_20231114T221320Z_step"
     first.mkdir()
-    assert new_bag_path(tmp_path, "EMA 1/7", STAMP, "step").name == first.name + "_2"
+    for number in (2, 3):
+        other = new_bag_path(tmp_path, "EMA 1/7", STAMP, "step")
+        assert other.name == f"{first.name}_{number}"
+        other.mkdir()
     assert new_bag_path(tmp_path, "../..", STAMP, "step").parent == tmp_path
 
 
@@ -43,6 +47,21 @@ def test_counts_always_and_keeps_only_what_belongs_to_the_bag(tmp_path):
     assert found.provenance.status == "aborted"
     assert found.provenance.start_time == STAMP + 5
     assert recorder.close("complete", None) is None
+    recorder.open(tmp_path / "next", record.profile, "EMA-1", STAMP)
+    recorder.take(SAMPLES, encode_block(record.samples[:400]), STAMP, STAMP)
+    recorder.close("aborted", None)
+    assert len(recorder.record(record.profile)) == recorder.samples_recorded == 400
+
+
+def test_a_position_that_is_no_number_is_none():
+    """The surface would be commanded to stay there."""
+    record = simulate(load_profile("step"), seed=1)
+    recorder, block = BitRecorder(), record.samples[:400].copy()
+    recorder.take(SAMPLES, encode_block(block), STAMP, STAMP)
+    assert recorder.last_position == block[-1, SURFACE_POSITION]
+    block[:, SURFACE_POSITION] = np.nan
+    recorder.take(SAMPLES, encode_block(block), STAMP, STAMP)
+    assert recorder.last_position is None
 
 
 def test_a_damaged_block_is_an_error(tmp_path):

@@ -89,6 +89,14 @@ def test_no_move_where_the_surface_is_at_the_start():
     assert kinds(bench.start()) == [OpenRecord, SendCommand]
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_surface_beside_the_start_is_moved_there_from_either_side(side):
+    at = STEP.start + side * 0.1
+    bench = Bench(replace(START, actuator=replace(REST, surface_position=at)))
+    (move,) = bench.start()
+    assert (move.profile.points[0][1], move.profile.points[-1][1]) == (at, STEP.start)
+
+
 def test_waits_for_samples_that_are_under_way():
     bench = Bench()
     test = bench.to_testing()
@@ -110,6 +118,29 @@ def test_an_actuator_that_ends_early_aborts_the_test():
     assert isinstance(back, SendCommand)
     (finish,) = bench.executed(back, REST.surface_position, 100)
     assert finish.reason == "aborted: the actuator ended the test at 0.300 s of 0.450 s"
+
+
+@pytest.mark.parametrize(("rate", "early", "status"), [
+    (20_000.0, 1.9e-3, "complete"), (20_000.0, 2.2e-3, "aborted"),
+    (100.0, 0.019, "complete"), (100.0, 0.022, "aborted"),
+])
+def test_the_last_sample_may_come_two_ms_or_two_samples_before_the_end(rate, early, status):
+    bench = Bench(actuator=changed(acquisition={"rate": rate}))
+    test = bench.to_testing()
+    end = ActuatorStatus(active=False, surface_position=0.2, command_stamp=test.stamp,
+                         start_time=7, samples_published=40)
+    closed, _ = bench.after(0.4, samples_received=40, actuator=end,
+                            last_sample=STEP.duration - early)
+    assert (closed.status, closed.start_time) == (status, 7), "time 0 is told of either"
+
+
+def test_a_status_that_never_comes_ends_the_test_and_an_older_one_tells_nothing_of_it():
+    """All samples are there; the actuator last spoke of the move before."""
+    bench = Bench()
+    bench.to_testing()
+    assert bench.after(0.4, samples_received=9000, last_sample=STEP.duration) == []
+    assert bench.after(4.9) == []
+    assert bench.after(0.2) == [CloseRecord("complete", None, None), Finish("")]
 
 
 def test_samples_that_never_arrive_are_reported_not_waited_for():
@@ -141,6 +172,15 @@ def test_refused_when_no_idle_actuator_appears(change):
     (finish,) = bench.after(0.2)
     assert finish.reason.startswith("refused: ")
     assert bench.sequence.stage is Stage.IDLE
+
+
+def test_an_actuator_that_is_busy_is_waited_for_without_samples():
+    bench = Bench(replace(START, actuator=replace(REST, active=True)))
+    assert bench.start() == []
+    bench.seen = replace(bench.seen, now=bench.seen.now + 9.9)
+    assert bench.sequence.step(bench.seen) == []
+    bench.seen = replace(bench.seen, actuator=REST)
+    assert kinds(bench.sequence.step(bench.seen)) == [SendCommand]
 
 
 def silenced(bench):
@@ -208,8 +248,10 @@ def test_an_abort_with_the_interlock_closed_brings_the_surface_back():
     assert closed.status == "aborted"
     assert back.profile.points[-1][1] == REST.surface_position
     assert bench.after(0.1) == [], "it must wait for the surface"
-    (finish,) = bench.executed(back, REST.surface_position, 9000)
+    status = replace(REST, command_stamp=back.stamp, samples_published=9000)
+    (finish,) = bench.after(0.1, actuator=status)  # its samples stay out, as they did before
     assert finish.reason.startswith("aborted: no samples")
+    assert "not confirmed" not in finish.reason
 
 
 def test_what_the_actuator_complains_of_is_told_where_no_samples_come():
@@ -272,6 +314,13 @@ def test_an_upload_that_does_not_come_aborts():
     assert bench.seen.now - START.now == pytest.approx(20.0 + 5.0, abs=1.1)
 
 
+def test_a_status_counts_as_late_from_the_begin_of_a_test_on():
+    """The last one before came nearly three seconds ago."""
+    bench = Bench(replace(LATER, actuator_heard=LATER.now - ACTUATOR_TIMEOUT + 0.1))
+    bench.start()
+    assert bench.after(1.0) == []
+
+
 def test_a_driver_that_captures_and_falls_silent_aborts():
     bench, command = long_test()
     assert bench.after(0.0, **moving(bench, command)) == []
@@ -282,11 +331,12 @@ def test_a_driver_that_captures_and_falls_silent_aborts():
     assert finish.reason == "aborted: no status for 3.1 s: the driver has stopped"
 
 
-def test_the_way_back_ends_where_the_interlock_opens():
+@pytest.mark.parametrize("cause", [{"interlock": "took off"}, {"abort": True}])
+def test_the_way_back_ends_where_the_interlock_opens_or_an_abort_is_asked_for(cause):
     bench = Bench()
     bench.to_testing()
     silenced(bench)
-    (stop,) = bench.after(0.1, interlock="took off", last_position=0.05)
+    (stop,) = bench.after(0.1, last_position=0.05, **cause)
     assert stop.profile.points == ((1e-3, 0.05),)
     (finish,) = at_rest(bench, 0.05)
     assert finish.reason.startswith("aborted: no samples")
@@ -304,6 +354,13 @@ def test_a_surface_that_does_not_come_back_is_said():
     silenced(bench)
     (finish,) = bench.after(6.6)
     assert "not confirmed to be back" in finish.reason
+
+
+def test_a_foreign_command_before_the_begin_is_refused_before_anything_moves():
+    bench = Bench(replace(START, actuator=replace(REST, active=True)))
+    assert bench.start() == []
+    (refused,) = bench.after(1.0, actuator=REST, foreign_command=True)
+    assert refused == Finish("refused: another node commands the actuator")
 
 
 def test_a_foreign_command_ends_the_test_without_a_fight():
@@ -330,10 +387,11 @@ def test_stop_marks_the_record_interrupted_and_ends_at_once():
     assert kinds(bench.after(0.0)) == [Finish]
 
 
-def test_a_surface_that_does_not_reach_the_start_aborts():
+@pytest.mark.parametrize("away", [-0.1, 0.4])
+def test_a_surface_that_does_not_reach_the_start_aborts(away):
     bench = Bench()
     (move,) = bench.start()
-    (back,) = bench.executed(move, 0.0, 3000)
+    (back,) = bench.executed(move, STEP.start + away, 3000)
     assert isinstance(back, SendCommand)
     assert bench.sequence.stage is Stage.RETURNING
 
@@ -346,6 +404,24 @@ def test_an_endless_test_is_ended():
         if actions:
             break
     assert actions[0].status == "aborted"
+
+
+def test_the_way_to_the_start_counts_in_the_time_of_a_test():
+    bench = Bench()
+    (move,) = bench.start()
+    assert bench.after(100.0) == []
+    bench.executed(move, STEP.start, 3000)
+    bench.seen = replace(bench.seen, samples_received=0, last_sample=-1.0)
+    closed, _ = bench.after(20.0, last_sample=0.1)
+    assert closed.status == "aborted"
+
+
+def test_commands_have_growing_stamps_where_the_clock_is_set_back():
+    bench = Bench()
+    (move,) = bench.start()
+    bench.seen = replace(bench.seen, stamp=bench.seen.stamp - 3_600 * 10**9)
+    opened, test = bench.executed(move, STEP.start, 3000)
+    assert opened.stamp == test.stamp > move.stamp
 
 
 def test_a_failed_action_aborts():
@@ -402,21 +478,24 @@ def test_near_the_start_is_a_share_of_the_travel(scale):
 def test_a_slow_actuator_has_time_to_come_back():
     """At a hundredth of the slew speed the way from stop to stop takes 152 s."""
     slow = changed(control={"speed_limit": 0.01 * ACTUATOR.control.speed_limit})
-    for actuator, patient in ((ACTUATOR, False), (slow, True)):
+    for actuator, seconds, patient in (
+            (ACTUATOR, 10.0, False), (slow, 152.0, True), (slow, 160.0, False)):
         bench = Bench(actuator=actuator)
         bench.to_testing()
         silenced(bench)
-        actions = bench.after(10.0)
+        actions = bench.after(seconds)
         assert (actions == []) == patient
 
 
-def test_a_surface_that_reads_beyond_its_end_stop_is_sent_back_to_the_stop():
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_surface_that_reads_beyond_its_end_stop_is_sent_back_to_the_stop(side):
     """Its transducer is off by a little: a command beyond the stop would be refused."""
-    bench = Bench(replace(START, actuator=replace(REST, surface_position=END_STOP + 1e-3)))
+    at = side * (END_STOP + 1e-3)
+    bench = Bench(replace(START, actuator=replace(REST, surface_position=at)))
     (move,) = bench.start()
     bench.executed(move, STEP.start, 3000)
     *_, back = silenced(bench)
-    assert back.profile.points[-1][1] == END_STOP
+    assert back.profile.points[-1][1] == side * END_STOP
 
 
 def test_an_abort_during_an_upload_holds_the_surface_where_it_is_now():

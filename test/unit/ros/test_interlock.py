@@ -57,9 +57,17 @@ def test_flapping_weight_on_wheels_begins_no_test():
     interlock = Interlock(1.0)
     for k in range(10):
         interlock.update(k % 2 == 1, 10.0 + 0.1 * k)
-    assert "back for 0.10 s only" in interlock.reason(10.9)
-    interlock.update(True, 11.1)
-    assert interlock.reason(11.1) == ""
+    assert "back for 0.10 s only, at least 1.25 s" in interlock.reason(10.9)
+    interlock.update(True, 12.1)
+    assert interlock.reason(12.1) == ""
+
+
+def test_who_says_no_once_a_second_is_not_overruled():
+    """Two publish: one ten times a second that it is on, the aircraft once that it is off."""
+    interlock = Interlock(1.0)
+    for k in range(100):
+        interlock.update(k % 10 != 0, 10.0 + 0.1 * k)
+        assert interlock.reason(10.0 + 0.1 * k) != ""
 
 
 def test_a_source_whose_clock_is_behind_is_refused_with_a_hint():

@@ -177,6 +177,18 @@ def test_one_point_is_a_step_after_the_inverter_is_on():
     assert profile_of_command([(2.0, 0.4)], -0.4, load_actuator()).duration == 2.0
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_surface_that_reads_beyond_its_end_stop_obeys_a_step_back(side):
+    """Also that by which the monitor stops it where it is; its transducer is off."""
+    for target in (0.6, 0.5):
+        server, clock = make(**{
+            "initial_position": side * 0.58, "position_sensor_offset.offset": side * 0.03})
+        assert abs(server.measured_position) > 0.6
+        server.command([(0.0, side * target)], 1)
+        run(server, clock)
+        assert server.measured_position == pytest.approx(side * target, abs=5e-3)
+
+
 def test_several_points_are_the_profile():
     assert profile_of_command(STEP.points, 0.0, load_actuator()) == STEP
 
@@ -255,12 +267,16 @@ def test_a_ramp_is_as_fast_as_the_actuator_at_most(share):
     if share <= 1.0:
         assert profile_of_command(points, -0.4, actuator).points[-1][1] == 0.0
     else:
-        with pytest.raises(UsageError, match=r"1\.9 rad/s from 0\.02 s on, at most 1\.66 rad/s"):
-            profile_of_command(points, -0.4, actuator)
+        back = [(time, -position) for time, position in points]
+        for way in (points, back):
+            with pytest.raises(
+                    UsageError, match=r"1\.9 rad/s from 0\.02 s on, at most 1\.66 rad/s"):
+                profile_of_command(way, way[0][1], actuator)
 
 
 @pytest.mark.parametrize(("column", "value", "word"), [
-    (1, 1.6 * 790.6, "slew speed"), (9, 0.64, "end stops"),
+    (1, 1.6 * 790.6, "slew speed"), (1, -1.6 * 790.6, "slew speed"),
+    (9, 0.64, "end stops"), (9, -0.64, "end stops"),
 ])
 def test_a_surface_too_fast_or_too_far_out_is_stopped(monkeypatch, column, value, word):
     server, clock = make(seed=4)
@@ -276,3 +292,17 @@ def test_a_surface_too_fast_or_too_far_out_is_stopped(monkeypatch, column, value
     monkeypatch.setattr(server.session, "advance", wrong)
     advance(server, clock, 0.03)
     assert word in server.stopped
+    server.stop("no weight on wheels")
+    advance(server, clock, 0.03)
+    assert server.stopped == "no weight on wheels", "the stop would begin anew with each block"
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_surface_that_reads_beyond_its_end_stop_is_stopped_at_the_stop(side):
+    """To be held beyond it would be refused, and the surface go on."""
+    server, clock = make(**{
+        "initial_position": side * 0.58, "position_sensor_offset.offset": side * 0.05})
+    server.command([(0.0, side * 0.6), (0.5, side * 0.5)], 1)
+    server.stop("no weight on wheels")
+    run(server, clock)
+    assert server.measured_position == pytest.approx(side * 0.6, abs=5e-3)
