@@ -35,16 +35,6 @@ def make_new_directory(path: Path) -> None:
         raise cannot_write(path, error) from None
 
 
-@contextlib.contextmanager
-def whole_or_nothing(directory: Path) -> Iterator[None]:
-    """Remove a directory that was made for what is written here, unless all of it is written."""
-    try:
-        yield
-    except BaseException:
-        shutil.rmtree(directory, ignore_errors=True)
-        raise
-
-
 def check_apart(*outputs: Path | None) -> None:
     """Raise OutputError where two outputs have one name."""
     given = [path.resolve() for path in outputs if path is not None]

@@ -17,7 +17,6 @@ from ema_record.bag.read import read_bag
 from ema_record.bag.writer import RawBag
 from ema_record.channels import Channel
 from ema_record.errors import InvalidRecordError, UsageError, validated
-from ema_record.files import whole_or_nothing
 from ema_record.profile import load_profile
 from ema_record.record import Record
 from ema_record.version import VERSION
@@ -49,7 +48,7 @@ def write_rig_bag(record: RigRecord, path: str | Path) -> Path:
     )
     shift = min(0.0, float(record.time[0]))
     label = ",".join(channel.label for channel in record.channels)
-    with whole_or_nothing(bag.path):
+    with bag.whole():
         for first in range(0, len(record), BLOCK_SIZE):
             block = record.samples[first:first + BLOCK_SIZE]
             stamp = int(np.rint((block[-1, 0] - shift) * NANOSECONDS))

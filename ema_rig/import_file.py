@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from ema_record.bag.any_topic import is_bag
-from ema_record.channels import CHANNELS, N_CHANNELS, Channel
+from ema_record.channels import CHANNELS, N_CHANNELS, ROTOR_ANGLE, Channel
 from ema_record.errors import InvalidRecordError, UsageError, counted
+from ema_record.limits import MAX_DURATION
 from ema_record.profile import load_profile
 from ema_record.record import Provenance, Record, check_samples
 from ema_record.version import VERSION
@@ -22,6 +23,8 @@ from ema_rig.ros_bag import read_ros_bag
 from ema_rig.table import MAX_FILE_BYTES, Table
 from ema_rig.text import read_text_table
 from ema_rig.times import (
+    CLOCK,
+    ISO,
     chosen_runs,
     one_after_another,
     one_clock,
@@ -51,19 +54,22 @@ MAX_LOST = 0.05
 _QUANTITY_OF = {unit: quantity for quantity, unit in SI_OF.items()}
 
 
-def import_file(path: str | Path, rig_map: RigMap) -> RigRecord | Record:
+def import_file(
+    path: str | Path, rig_map: RigMap, notes: list[str] | None = None
+) -> RigRecord | Record:
     """Return what a bag or a file of another kind (`SUFFIXES`) holds, in SI units.
 
     Parameters
     ----------
     path : the file.
     rig_map : which column is what.
+    notes : where given, what was done to the numbers is added to it.
 
     Returns
     -------
     RigRecord or Record
         A `Record` where the map says ``axis: actuator``. What was done to the numbers is in
-        `Axis.notes` of a rig.
+        `Axis.notes` of a rig too.
 
     Raises
     ------
@@ -71,14 +77,15 @@ def import_file(path: str | Path, rig_map: RigMap) -> RigRecord | Record:
         Damaged, too large, a column is missing or its unit wrong, time does not increase.
     """
     source = str(path)
+    told = [] if notes is None else notes
     if rig_map.axis == "actuator":
-        return _actuator(rig_map, Path(path))
+        return _actuator(rig_map, Path(path), told)
     assert rig_map.input is not None  # the map says so
     table = _table(rig_map, Path(path), rig_map.roles.values())
     quantity = rig_map.input.acts_as or _quantity(rig_map.input, source)
     axis = Axis(name=rig_map.name, motion=rig_map.axis, input=quantity,
                 description=rig_map.description, pole_pairs=rig_map.pole_pairs)
-    notes = list(table.notes)
+    told += table.notes
     given = {channel.name: channel for channel in axis.channels}
     columns: dict[str, np.ndarray] = {}
     parts: dict[str, Column] = {}
@@ -87,8 +94,8 @@ def import_file(path: str | Path, rig_map: RigMap) -> RigRecord | Record:
         parts[channel.name] = part
         columns[channel.name] = _input(table, part, quantity) if isinstance(
             part, InputColumn) else _converted(table, part, name, _QUANTITY_OF[channel.unit])
-    samples, chosen = _joined(table, rig_map, columns, parts, axis.channels, notes)
-    axis = axis.model_copy(update={"notes": tuple(notes)})
+    samples, chosen = _joined(table, rig_map, columns, parts, axis.channels, told)
+    axis = axis.model_copy(update={"notes": tuple(told)})
     return RigRecord(samples=samples, channels=chosen, axis=axis, source=source)
 
 
@@ -224,6 +231,9 @@ def _joined(
     """Return all columns with time in front, within the bounds of time, and their channels."""
     source = table.source
     time, columns = _clocked(table, rig_map, columns, parts, notes)
+    if rig_map.time.zero:
+        unit = "s" if rig_map.time.unit in (ISO, CLOCK) else rig_map.time.unit
+        time = time - rig_map.time.zero * unit_factor(unit, "time", f"{source}: time")
     chosen = tuple(c for c in channels if c.name == "time" or c.name in columns)
     ordered = [time if c.name == "time" else columns[c.name] for c in chosen]
     samples = np.column_stack(ordered)
@@ -250,10 +260,23 @@ def _joined(
     samples, labels, told = single_stamps(samples, labels, rig_map.duplicates, source)
     notes += told
     samples, labels = _without_missing(samples, labels, source, notes)
+    if rig_map.axis == "actuator":
+        _check_one_test(samples[:, 0], labels, source)
     samples[:, 0], told = one_after_another(samples[:, 0], labels, source)
     notes += told
     _describe_time(samples[:, 0], notes)
     return samples, chosen
+
+
+def _check_one_test(time: np.ndarray, labels: np.ndarray, source: str) -> None:
+    """Refuse a file of several tests, and times that do not count from the command of one."""
+    if (np.diff(labels) != 0.0).any():
+        raise UsageError(f"{source}: {1 + np.count_nonzero(np.diff(labels))} runs, a record holds "
+                         "one test: choose one with 'run: {column, only}', or split the file")
+    if len(time) and not 0.0 <= time[0] <= MAX_DURATION:
+        raise UsageError(f"{source}: its times begin at {time[0]:.12g} s, those of a test count "
+                         "from its command: set time.zero to the time of the command, and "
+                         "'start: 0' where it was recorded before it")
 
 
 def _without_missing(
@@ -288,10 +311,10 @@ def _describe_time(time: np.ndarray, notes: list[str]) -> None:
                      f"{median:.4g} s by more than {100 * spread:.0f} %")
 
 
-def _actuator(rig_map: RigMap, path: Path) -> Record:
+def _actuator(rig_map: RigMap, path: Path, notes: list[str]) -> Record:
     """Return the record of our actuator's own test."""
     table = _table(rig_map, path, rig_map.channels.values())
-    notes: list[str] = []
+    notes += table.notes
     columns = {
         channel.name: _converted(
             table, rig_map.channels[channel.name], channel.name, _QUANTITY_OF[channel.unit])
@@ -300,6 +323,8 @@ def _actuator(rig_map: RigMap, path: Path) -> Record:
     recorded, chosen = _joined(table, rig_map, columns, rig_map.channels, CHANNELS, notes)
     samples = np.full((len(recorded), N_CHANNELS), np.nan)
     samples[:, [CHANNELS.index(channel) for channel in chosen]] = recorded
+    # An angle is known up to turns: a shaft's, times the pole pairs, goes through several.
+    samples[:, ROTOR_ANGLE] %= 2.0 * np.pi
     check_samples(samples, str(path))
     bus, warm = rig_map.bus_voltage, rig_map.winding_temperature
     return Record(

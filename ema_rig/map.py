@@ -79,6 +79,8 @@ class TimeColumn(_Part):
     unit: str = Field(default="s", max_length=20)
     rate: float | None = Field(default=None, gt=0.0, le=1e6)
     """Samples a second of a file without a column of time (1/s)."""
+    zero: Finite = 0.0
+    """Subtracted from all times, in this unit: when the test was commanded."""
 
     @model_validator(mode="after")
     def _one_of_both(self) -> TimeColumn:

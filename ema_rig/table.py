@@ -122,6 +122,7 @@ class Table:
             No such column, or not a column.
         """
         names = list(self.columns)
+        numbered = isinstance(name, int)
         name = self.name_of(name, where)
         matched = _INDEXED.match(name)
         index = None
@@ -130,6 +131,11 @@ class Table:
         if name not in self.columns:
             raise unknown_name("column", name, names, f"{self.source}: {where}: the file has "
                                f"{_listed(names)}")
+        again = [k for k, other in enumerate(names) if other == f"{name}#{k}"]
+        if again and not numbered:
+            raise UsageError(f"{self.source}: {where}: {name!r} is columns "
+                             f"{', '.join(map(str, [names.index(name), *again]))}: give the "
+                             "number of the one that is meant, from 0")
         values = self.columns[name]
         if isinstance(values, TextColumn):
             return values.numbers(self.source, name)

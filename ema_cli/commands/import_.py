@@ -227,17 +227,17 @@ def _import(file: Path, rig_map: RigMap, out: Path, as_json: bool, remarks: list
     from ema_rig.import_file import import_file
 
     check_new(out, bag=True)
+    done: list[str] = []
     with progress(f"reading {file}"):
-        record = import_file(file, rig_map)
+        record = import_file(file, rig_map, done)
     with progress(f"writing {out}"):
         if isinstance(record, Record):
             written = write_bag(record, out)
             channels = [CHANNELS[column].label for column in record.columns]
-            notes = list(remarks)
         else:
             written = write_rig_bag(record, out)
             channels = [channel.label for channel in record.channels]
-            notes = [*remarks, *record.axis.notes]
+    notes = [*remarks, *done]
     if as_json:
         print_json({"bag": str(written), "samples": len(record), "rate": record.rate,
                     "duration": record.duration, "channels": channels, "notes": notes})

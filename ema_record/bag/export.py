@@ -160,8 +160,9 @@ def _write_messages(record: Record, path: Path) -> None:
     order = [(stamp, number, topic) for topic, (times, _) in topics.items()
              for number, stamp in enumerate(times.tolist())]
     with BagWriter(
-        path, profile=record.profile, provenance=record.provenance, topics=table
-    ) as writer:
+        path, profile=record.profile, provenance=record.provenance, topics=table,
+        flush_interval=None,
+    ) as writer, writer.whole():
         for stamp, number, topic in sorted(order):
             writer.write_raw(topic, topics[topic][1][number], stamp)
         writer.close(record.provenance.status)

@@ -13,7 +13,6 @@ from ema_record.bag.container import StoredMessage, read_content
 from ema_record.bag.metadata import read_test_metadata
 from ema_record.channels import SURFACE_POSITION, TIME
 from ema_record.errors import IncompleteRecordError, InvalidRecordError, RecordError, UsageError
-from ema_record.files import whole_or_nothing
 from ema_record.limits import MAX_DURATION, MAX_SAMPLES
 from ema_record.profile import Profile
 from ema_record.record import Record, SampleBlock, check_samples
@@ -247,9 +246,8 @@ def write_bag(record: Record, path: str | Path, *, views: bool = True) -> Path:
     if not (is_stamp(begin) and is_stamp(begin + round(MAX_DURATION * NANOSECONDS))):
         raise UsageError(f"start time {begin} ns: give nanoseconds since 1970, until 2038")
     messages = _messages(record, views=views)
-    writer = BagWriter(path, profile=record.profile, provenance=record.provenance,
-                       flush_interval=None)
-    with whole_or_nothing(writer.path), writer:
+    with BagWriter(path, profile=record.profile, provenance=record.provenance,
+                   flush_interval=None) as writer, writer.whole():
         for time, topic, data in messages:
             writer.write_raw(topic, data, time)
         return writer.close(record.provenance.status)

@@ -185,8 +185,6 @@ def _test_of(
     except RecordError:
         known = read_test_metadata({}, source)
     profile, provenance = known.profile, known.provenance
-    if START not in own:
-        provenance = replace(provenance, status="interrupted")
     if command is not None:
         at = np.nan if first is None else float(first[0, SURFACE_POSITION])
         start = at if np.isfinite(at) else None
@@ -242,7 +240,7 @@ def _write(parts: _Parts, out: Path, report: Recovery) -> None:
     """Write the new bag; the name of the old one does not travel with it."""
     with BagWriter(
         out, profile=parts.profile, provenance=parts.provenance, flush_interval=None
-    ) as writer:
+    ) as writer, writer.whole():
         for message in parts.messages:
             writer.write_raw(
                 split_name(message.channel.topic).topic, bytes(message.data),

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import IO
@@ -214,6 +214,20 @@ class RawBag:
             temporary.write_text(metadata_yaml(information), encoding="utf-8")
         return self.path
 
+    @contextlib.contextmanager
+    def whole(self) -> Iterator[None]:
+        """Write all of it here: whatever ends that early leaves no part of the bag behind."""
+        try:
+            yield
+        except BaseException:
+            self.closed = True
+            with contextlib.suppress(OSError):  # what a full disk did not take
+                self._stream.close()
+            with contextlib.suppress(OSError):
+                self.file.unlink(missing_ok=True)
+                self.path.rmdir()
+            raise
+
     def _failed(self, error: OSError) -> OutputError:
         """Return the error for a bag that cannot be continued, and give its file up."""
         self.closed = True
@@ -253,7 +267,8 @@ class BagWriter(RawBag):
             path, records={START: start_record(profile, provenance)}, topics=topics,
             namespace=provenance.namespace, flush_interval=flush_interval,
         )
-        self.flush()
+        if flush_interval is not None:
+            self.flush()
 
     def close(
         self,

@@ -185,6 +185,8 @@ def test_whole_bags_existing_output_and_rubbish_are_refused(good, tmp_path):
         recover_bag(bag, good)
     with pytest.raises(OutputError, match="would lie inside"):  # the original is only read
         recover_bag(bag, bag / "out")
+    with pytest.raises(OutputError, match="would lie inside"):
+        recover_bag(bag, good / "out")
     for size in (0, 5, 20):
         with pytest.raises(RecordError):
             recover_bag(cut(good, tmp_path / f"cut{size}", size))
@@ -310,6 +312,48 @@ def test_a_foreign_channel_without_schema_is_left_out(good, tmp_path):
     (folder / "cut_0.mcap").write_bytes(whole[:-200])
     recover_bag(folder, tmp_path / "out")
     assert len(read_bag(tmp_path / "out")) > 0
+
+
+def test_samples_of_another_actuator_are_left_out(good, tmp_path):
+    """Two were recorded into one file: the record is of the one that comes first."""
+    folder = tmp_path / "cut"
+    folder.mkdir()
+    (source,) = good.glob("*.mcap")
+    with (folder / "cut_0.mcap").open("wb") as stream, source.open("rb") as of:
+        writer = McapWriter(stream)
+        writer.start()
+        channels = {}
+        for schema, channel, message in make_reader(of).iter_messages(topics=[COMMAND, SAMPLES]):
+            for name in ("/left", "/right"):
+                topic = name + channel.topic
+                if topic not in channels:
+                    channels[topic] = writer.register_channel(
+                        topic, channel.message_encoding,
+                        writer.register_schema(schema.name, schema.encoding, schema.data))
+                writer.add_message(channels[topic], message.log_time, message.data,
+                                   message.publish_time)
+        writer.finish()
+    report = recover_bag(folder, tmp_path / "out")
+    back = read_bag(tmp_path / "out")
+    assert np.array_equal(back.samples, read_bag(good).samples)
+    assert back.provenance.namespace == "/left"
+    assert set(report.left_out) == {f"/right{COMMAND}", f"/right{SAMPLES}"}
+
+
+def test_the_test_is_the_one_commanded_before_the_first_sample(record, tmp_path):
+    """Neither what the recorder was told nor what is commanded later, to bring it back."""
+    bag, block, begin = tmp_path / "cut", record.samples[:2000], 10**18
+    other = load_profile("extended")
+    known = dataclasses.replace(record.provenance, start_time=begin)
+    writer = BagWriter(bag, profile=other, provenance=known)
+    writer.write_raw(COMMAND, encode_command(record.profile, begin), begin + 5)
+    writer.write_raw(SAMPLES, encode_block(block), begin + 10**8)
+    writer.write_raw(COMMAND, encode_command(other, begin), begin + 2 * 10**8)
+    writer.flush()
+    back = read_bag(recover_bag(bag).bag)
+    writer.close("aborted")
+    assert (back.profile, len(back)) == (record.profile, len(block))
+    assert back.provenance.start_time == begin, "of its acceptance, not when the command came"
 
 
 def test_files_of_several_tests_are_no_record(good, tmp_path):

@@ -1,5 +1,7 @@
 """Output files never replace anything; input files are read with a bound, whatever they are."""
 
+import contextlib
+import errno
 import os
 
 import pytest
@@ -17,6 +19,22 @@ def test_a_name_that_is_taken_meanwhile_stays_as_it_is(tmp_path):
         temporary.write_text("ours")
         path.write_text("of somebody else")
     assert path.read_text() == "of somebody else"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("taken", [False, True])
+def test_nothing_is_replaced_where_files_have_no_second_name(tmp_path, monkeypatch, taken):
+    """As on FAT, which knows no links."""
+    def refused(*_):
+        raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr(os, "link", refused)
+    path = tmp_path / "a.csv"
+    with contextlib.suppress(OutputError), new_file(path) as temporary:
+        temporary.write_text("ours")
+        if taken:
+            path.write_text("of somebody else")
+    assert path.read_text() == ("of somebody else" if taken else "ours")
     assert list(tmp_path.iterdir()) == [path]
 
 

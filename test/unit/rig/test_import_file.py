@@ -201,6 +201,45 @@ def test_all_channels_of_the_actuator_make_an_ordinary_bag(tmp_path):
         map_from(data, "map")
 
 
+def actuator_map():
+    return {"name": "ours", "axis": "actuator", "profile": "step",
+            "time": {"column": "time", "unit": "s"},
+            "channels": {c.name: {"column": c.name, "unit": c.unit} for c in CHANNELS[1:]}}
+
+
+def test_what_is_left_out_of_a_test_of_the_actuator_is_said(tmp_path, capsys):
+    record = simulate(load_profile("step"), seed=3)
+    rows = [",".join(map(repr, row)) for row in record.samples.tolist()]
+    rows[100] = rows[100].rpartition(",")[0] + ",null"
+    text = "\n".join([",".join(c.name for c in CHANNELS), *rows])
+    (tmp_path / "a.csv").write_text(text[:-60])
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(actuator_map()), encoding="utf-8")
+    assert run(["import", str(tmp_path / "a.csv"), "--map", str(tmp_path / "map.yaml"),
+                "--out", str(tmp_path / "bag")]) == 0
+    said = capsys.readouterr().err
+    assert f"line {len(rows) + 1} is cut and left out" in said
+    assert "1 row without a value left out" in said
+
+
+def test_an_encoder_on_the_shaft_gives_the_electrical_angle(tmp_path):
+    record = simulate(load_profile("step"), seed=3)
+    pairs, zero = 3, 23456.0  # of pole pairs; counts of 2^17 where phase a rises through 0
+    given = {c.name: record.samples[:, k] for k, c in enumerate(CHANNELS)}
+    turns = np.unwrap(given["rotor_angle"]) / (2.0 * np.pi * pairs)
+    given["rotor_angle"] = (turns * 2**17 + zero) % 2**17
+    np.savez(tmp_path / "a.npz", **given)
+    data = {"name": "ours", "axis": "actuator", "profile": "step",
+            "time": {"column": "time", "unit": "s"},
+            "channels": {c.name: {"column": c.name, "unit": c.unit} for c in CHANNELS[1:]}}
+    data["channels"]["rotor_angle"] = {
+        "column": "rotor_angle", "unit": "turn", "zero": zero, "scale": pairs / 2**17}
+    angle = import_file(tmp_path / "a.npz", map_from(data, "map")).channel("rotor_angle")
+    assert angle.min() >= 0.0
+    assert angle.max() < 2.0 * np.pi
+    off = angle - record.channel("rotor_angle")
+    assert np.abs((off + np.pi) % (2.0 * np.pi) - np.pi).max() < 1e-9
+
+
 @pytest.mark.parametrize(("change", "match"), [
     ({"axis": "round"}, "axis: must be"),
     ({"input": None}, "'input' is missing"),

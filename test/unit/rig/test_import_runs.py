@@ -93,3 +93,23 @@ def test_whole_numbers_between_commas_are_no_decimals(tmp_path):
 ])
 def test_units_by_their_definitions(unit, quantity, factor):
     assert unit_factor(unit, quantity, "map") == pytest.approx(factor, rel=1e-9)
+
+
+def test_a_test_of_the_actuator_counts_from_its_command_and_is_alone(tmp_path):
+    t = 0.0005 * np.arange(1000)
+
+    def tested(first, each=t, **more):
+        np.savez(tmp_path / "a.npz", t=first + each, w=np.sin(50 * each))
+        parts = {f"phase_current_{k}": {"column": "w", "unit": "A"} for k in "ab"}
+        return import_file(tmp_path / "a.npz", map_from({
+            "name": "ours", "axis": "actuator", "profile": "step", "time": {"column": "t"},
+            "channels": {"motor_speed": {"column": "w", "unit": "rpm"}, **parts}, **more}, "map"))
+
+    for first in (1.7e9, -0.1):
+        with pytest.raises(UsageError, match=r"times begin at .* set time\.zero"):
+            tested(first)
+    zero = {"column": "t", "zero": 1.7e9 + 0.1}
+    record = tested(1.7e9, start=0.0, time=zero)
+    np.testing.assert_allclose(record.time, t[:800], atol=1e-6)
+    with pytest.raises(UsageError, match="2 runs, a record holds one test"):
+        tested(0.0, np.concatenate([t, t]))

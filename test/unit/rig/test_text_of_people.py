@@ -343,3 +343,11 @@ def test_a_file_without_such_columns_says_which_it_has(tmp_path):
     guess = guess_map(tmp_path / "a.csv", given=given)
     assert guess.data["position"] == {"column": "beta", "unit": "mm"}
     assert guess.data["axis"] == "linear"
+
+
+def test_a_name_of_two_columns_is_asked_for_by_number(tmp_path):
+    form = "{t:.4f},{i:.8f},{q:.8f},0"
+    path = write(tmp_path / "a.csv", table(head="t,i,q,i", form=form))
+    with pytest.raises(UsageError, match=r"input: 'i' is columns 1, 3"):
+        imported(path)
+    check(imported(path, input={"column": 1, "unit": "A"}))

@@ -46,6 +46,15 @@ def test_the_message_is_the_last_one_and_the_record_is_as_it_was(bag):
     assert sorted(p.name for p in bag.iterdir()) == ["metadata.yaml", "sim_0000_step_0.mcap"]
 
 
+def test_it_is_the_last_one_where_the_clock_was_set_back(bag):
+    with Reader(bag) as reader:
+        *_, (_, last, _) = reader.messages()
+    add_last_message(bag, TOPICS[TOPIC], message(), 1, SAID)
+    with Reader(bag) as reader:
+        *_, (connection, stamp, _) = reader.messages()
+    assert (connection.topic, stamp) == (TOPIC, last)
+
+
 def test_other_readers_find_it_by_their_index_and_by_their_checksums(bag):
     add(bag)
     with Reader(bag) as reader:

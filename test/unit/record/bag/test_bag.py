@@ -304,6 +304,7 @@ def test_the_command_before_the_samples_is_the_profile(tmp_path, make):
     messages = [
         (COMMAND, START_NS - 10, encode_command(step_profile(0.1))),
         *messages_of(record),
+        (COMMAND, START_NS + 3 * 10**7, encode_command(step_profile(0.3))),  # amid the samples
         (COMMAND, START_NS + 10**9, encode_command(step_profile(0.2))),
     ]
     check_foreign(read_bag(write_mcap(tmp_path / "a.mcap", messages)), record)

@@ -185,7 +185,7 @@ def test_below_a_file(tmp_path, make):
 
 
 def test_disk_full(tmp_path, make):
-    """The file may not grow: one clear error, no second one, and nothing is left of the bag."""
+    """The file may not grow: one clear error, no second error, and no part of a bag."""
     record = make(9000)
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, limit[1]))
@@ -195,7 +195,7 @@ def test_disk_full(tmp_path, make):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
     assert "\n" not in str(caught.value)
-    assert names_in(tmp_path) == []
+    assert not names_in(tmp_path)
 
 
 @pytest.mark.parametrize("whole", [True, False])
@@ -264,3 +264,12 @@ def test_two_writers_in_two_threads(tmp_path, make):
         thread.join()
     for k in range(2):
         np.testing.assert_array_equal(read_bag(tmp_path / str(k)).samples, records[k].samples)
+
+
+def test_a_record_that_cannot_be_written_leaves_no_part_of_its_bag(tmp_path, record):
+    early = record.samples - np.eye(1, record.samples.shape[1]) * 0.01
+    with pytest.raises(UsageError, match="since the epoch"):
+        write_bag(dataclasses.replace(
+            record, samples=early, provenance=Provenance()), tmp_path / "bag")
+    assert not names_in(tmp_path)
+    write_bag(record, tmp_path / "bag")
