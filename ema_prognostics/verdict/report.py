@@ -155,7 +155,7 @@ def verdict_of_detection(
         return _doubt(measured, probabilities, small=bool((detection.margin > 0.0).any()))
     swing = [SWING_CAVEAT] if measured.swings else []
     if not detection.outputs:
-        reasons = ["no feature lies outside what the healthy fleet shows", *swing]
+        reasons = ["no fault is probable enough to be named", *swing]
         if kind == "step":
             reasons += [GAP_CAVEAT, GREASE_CAVEAT]
         return Verdict(

@@ -38,6 +38,8 @@ BETTER = 0.3
 """Sum of the correlations by which other wires explain the currents better than the labels."""
 LEAST_ASKED = 0.1
 """Share of the largest reference below which one tells nothing of the unit: the motor stood."""
+ALIKE = 0.7
+"""Correlation above which half of a current's power is its reference's."""
 _PHASES = "abc"
 
 
@@ -171,6 +173,8 @@ class Wiring(NamedTuple):
     """Phase currents against the references that they follow, shape (n,)."""
     phases: tuple[int, ...]
     """Which phase currents there are: two or all three of 0, 1, 2."""
+    alike: np.ndarray
+    """Correlation of each with that reference, shape (n,): a unit leaves it, a dead sensor 0."""
 
 
 def wiring(facts: BagFacts) -> Wiring | None:
@@ -199,7 +203,8 @@ def wiring(facts: BagFacts) -> Wiring | None:
         product_mean[k, p] / squares[p] if squares[p] > LEAST_ASKED**2 * squares.max() else 1.0
         for k, p in enumerate(order)
     ])
-    return Wiring(order, signs, float(score - labelled), gain, phases)
+    alike = np.array([abs(c[k, p]) for k, p in enumerate(order)])
+    return Wiring(order, signs, float(score - labelled), gain, phases, alike)
 
 
 def swapped(facts: BagFacts) -> Iterator[Hit]:
@@ -265,11 +270,24 @@ def current_units(facts: BagFacts) -> Iterator[Hit]:
     found = facts.derived(wiring)
     if found is None:
         return
-    for k, gain in zip(found.phases, np.abs(found.gain)):
-        if gain > 5.0 or 1e-6 < gain < 0.02:
+    for k, gain, alike in zip(found.phases, np.abs(found.gain), found.alike):
+        if (gain > 5.0 or 1e-6 < gain < 0.02) and alike > ALIKE:
             name = f"phase_current_{_PHASES[k]}"
             unit = "mA" if 0.5 < 1e-3 * gain < 2.0 else "another unit"
             yield Hit(f"{name} is {gain:.4g} times its reference: it is in {unit}",
+                      float(facts.samples[0, TIME]), float(gain), "", name)
+
+
+def dead_currents(facts: BagFacts) -> Iterator[Hit]:
+    """Find phase currents of which nothing but noise is left while current is asked for."""
+    found = facts.derived(wiring)
+    if found is None:
+        return
+    for k, gain, alike in zip(found.phases, np.abs(found.gain), found.alike):
+        moves = np.ptp(facts.samples[:, PHASE_CURRENTS.start + k]) > 0.0  # else it is stuck
+        if moves and gain < 0.02 and alike <= ALIKE:
+            name = f"phase_current_{_PHASES[k]}"
+            yield Hit(f"{name} does not follow its reference: only noise is left of it",
                       float(facts.samples[0, TIME]), float(gain), "", name)
 
 
@@ -277,6 +295,8 @@ _SIGN = "correct the sign of the channel in the acquisition and record the test 
 RULES = (
     Rule(name="wrong_unit", find=motion_units, remedy=SET_UNIT),
     Rule(name="wrong_unit", find=current_units, remedy=SET_UNIT),
+    Rule(name="stuck_channel", find=dead_currents,
+         remedy="check the transducer, its plug and its wires, then record the test again"),
     Rule(name="sign_flip", find=motion_signs, remedy=_SIGN),
     Rule(name="sign_flip", find=current_signs, remedy=_SIGN),
     Rule(name="swapped_phases", find=swapped,

@@ -70,7 +70,7 @@ class TestPlan(NamedTuple):
     reversals: tuple[tuple[float, int], ...]
     """Begin, and sense of the motor after it, of each turn of the slow ramps."""
     reversal_length: float
-    """Length of the window after each (s); 0 without reversals."""
+    """How long the motion goes on after each (s): lost motion takes its width to cross; or 0."""
     starts: tuple[Window, ...]
     """Where the motor accelerates and brakes."""
     full_speed: Window
@@ -168,13 +168,13 @@ def test_plan(profile: Profile, actuator: Actuator) -> TestPlan:
     ramps = _slow(slow, size, actuator)
     turned = [b for a, b in zip(slow, slow[1:]) if _turned(a, b)]
     turns = [(round(b.begin, 9), b.sense) for b in turned]
-    length = 0.0
+    length = needed = 0.0
     if turns:
         speed = slow[0].speed * actuator.slew_speed
-        length = up(crossing(actuator, size.motion, speed), 0.5 * size.tick)
+        length = min(down(b.end - b.begin, 1e-3) for b in turned[:2])
         # A test that was designed before its actuator was corrected may end sooner.
-        length = min(length, *(down(b.until - b.begin, 1e-3) for b in turned[:2]))
-    last = max([full.end, *(begin + length for begin, _ in turns)])
+        needed = min(length, up(crossing(actuator, size.motion, speed), 0.5 * size.tick))
+    last = max([full.end, *(begin + needed for begin, _ in turns)])
     back = _back(fast)
     quarter_back = _back(middle)
     return TestPlan(

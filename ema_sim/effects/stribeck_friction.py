@@ -26,6 +26,8 @@ EFFECT = Effect(
     equation="T_dry,M -> T_dry,M (1 + increase exp(-(ω/ω_s)²)); at standstill at least as large",
     reference="Armstrong-Hélouvry et al. 1994, Automatica 30(7) (Stribeck curve)",
 )
+NOTHING = 746.0
+"""exp(-746) is 0; the function says so ten times as slowly, and healthy units ask it each step."""
 
 
 @law
@@ -33,4 +35,6 @@ def budget(p: StribeckFriction, torque: float, omega: float) -> float:
     """Return what the effect adds to the dynamic friction `torque` (N m) at speed `omega`."""
     if p.increase == 0.0:
         return 0.0
-    return p.increase * torque * math.exp(-((omega / p.speed) ** 2))
+    ratio = omega / p.speed
+    square = ratio * ratio
+    return p.increase * torque * (0.0 if square > NOTHING else math.exp(-square))

@@ -6,10 +6,10 @@ from datetime import date
 import numpy as np
 import pytest
 
-from ema_cli.commands.trend import growth_lines, parse_limit
+from ema_cli.commands.trend import exit_status, growth_lines, parse_limit
 from ema_cli.views.flights_plot import trend_figure
 from ema_cli.views.rig_trend import RigTrend, rig_trend, trend_lines
-from ema_prognostics.trend.flights import date_of
+from ema_prognostics.trend.flights import date_of, in_order
 from ema_prognostics.trend.forecast import course
 from ema_prognostics.trend.unit_trend import trend_of
 from ema_prognostics.trend.values import value_trend
@@ -67,6 +67,33 @@ def test_of_many_left_out_records_the_last_are_told():
     lines = trend_lines(found)
     assert lines[1] == "  record 19 left out: too short"
     assert lines[-1] == "  and 18 records before"
+
+
+@pytest.mark.parametrize(("marks", "status"), [
+    ([".", ".", "."], 0), ([".", 0.1, 0.1], 1), ([0.1, 0.1, ".", ".", "."], 0),
+    ([".", ".", 0.1], 3), ([0.1, ".", "."], 3), ([0.1, ".", ".", "."], 0),
+    ([".", "?", "."], 0), ([".", "?"], 3), ([".", "x", "."], 0), ([".", "x"], 3),
+    (["x", "x"], 2), ([0.1, 0.1, "?"], 1),
+])
+def test_the_exit_status_is_that_of_the_unit_at_the_end(marks, status):
+    """A fault that is announced and not confirmed, or a last test without an answer, is doubt."""
+    assert exit_status(trend_of("SN-1", flights_of(marks))) == status
+
+
+def test_growth_that_no_flight_announces_is_doubt():
+    rising = flights_of(["."] * 40, np.linspace(0.01, 0.3, 40))
+    assert exit_status(trend_of("SN-1", rising)) == 3
+
+
+def test_flights_of_unknown_units_do_not_clear_each_other():
+    assert exit_status(trend_of("", flights_of([".", "?", "."]))) == 3
+    assert exit_status(trend_of("", flights_of([".", ".", "."]))) == 0
+
+
+def test_a_copy_at_the_end_is_no_test_without_an_answer():
+    last = flights_of([".", "."])[-1]
+    copy = replace(last, verdict=replace(last.verdict, bag="flight_2_copy"))
+    assert exit_status(trend_of("SN-1", in_order([*flights_of([".", "."]), copy]))) == 0
 
 
 def test_dates_go_on_at_the_pace_of_the_flights():

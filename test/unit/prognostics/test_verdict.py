@@ -43,7 +43,8 @@ def test_two_faults_are_listed_largest_first():
 
 @pytest.mark.parametrize(
     ("statuses", "worst"),
-    [([0, 0], 0), ([0, 3], 3), ([3, 1], 1), ([1, 2, 3], 2), ([], 0), ([0, 1, 0], 1)],
+    [([0, 0], 0), ([0, 3], 3), ([3, 1], 1), ([1, 2, 3], 2), ([], 0), ([0, 1, 0], 1),
+     ([1, 4, 3, 0], 4), ([4, 2, 1], 2)],
 )
 def test_the_worst_of_several_bags(statuses, worst):
     assert worst_status(statuses) == worst

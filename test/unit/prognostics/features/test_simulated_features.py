@@ -68,6 +68,13 @@ def test_gap_is_the_backlash(machine: Machine) -> None:
     assert found["gap_torque"] == pytest.approx(healthy["gap_torque"], abs=0.03)
 
 
+@pytest.mark.parametrize("increase", [2e-3, 4e-3])
+def test_wide_lost_motion_is_read_until_the_surface_moves(increase: float) -> None:
+    """It takes longer to cross than the nominal play, for which a test has the time at least."""
+    found = features(DEFAULT, f"backlash.increase={increase}")
+    assert 1e-4 * found["gap_width"] == pytest.approx(1e-4 + increase, rel=0.03)
+
+
 @pytest.mark.parametrize("settings", [
     ("turn_short.fraction=0.15", "turn_short.phase=b"),
     ("rotor_eccentricity.zeta=0.2", "rotor_eccentricity.mode=static"),

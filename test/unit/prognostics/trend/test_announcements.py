@@ -45,8 +45,9 @@ def test_gone_after_three_flights_without_it():
 def test_gone_though_outgrown_is_a_repair():
     (episode,) = only([0.01, 0.02, 0.04, 0.05, ".", ".", "."])
     assert episode.repaired
-    (episode,) = only([0.01, 0.0099, 0.0101, 0.01, ".", ".", "."])
-    assert not episode.repaired
+    for marks in ([0.01, 0.0099, 0.0101, 0.01], [0.01, 0.05]):  # not grown; too few to say
+        (episode,) = only([*marks, ".", ".", "."])
+        assert not episode.repaired
 
 
 def test_back_after_a_repair():

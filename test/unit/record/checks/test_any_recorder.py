@@ -38,6 +38,15 @@ def rules(record, actuator=None):
     return [finding.rule for finding in guard_findings(record, actuator)]
 
 
+def test_a_dead_current_sensor_is_in_no_other_unit():
+    record = record_of("extended", seed=1)
+    record.samples[:, 3] = noise(0.01)(np.zeros(len(record.samples)))
+    findings = guard_findings(record)
+    assert "wrong_unit" not in [f.rule for f in findings]
+    assert any(f.rule == "stuck_channel" and "phase_current_b" in f.message for f in findings)
+    assert outcome_of(findings) == "unknown"
+
+
 def noise(deviation):
     return lambda x: x + np.random.default_rng(1).normal(0.0, deviation, len(x))
 
