@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import Float64
 
 from ema_prognostics.verdict.verdict import Judged
+from ema_prognostics.words import severity_words
 from ema_ros.messages import ERROR, OK, WARN, diagnostic_status
 
 _LEVELS = {"healthy": OK, "fault": ERROR, "invalid": ERROR}
@@ -32,7 +33,7 @@ def sentence(verdict: Mapping[str, Any]) -> str:
     if verdict.get("phase"):
         words.append(f"phase {verdict['phase']}")
     if verdict.get("severity") is not None:
-        words.append(f"{verdict['severity']:.3g} {verdict.get('severity_unit') or ''}".strip())
+        words.append(severity_words(str(verdict["fault_class"]), verdict["severity"]))
     return ", ".join(words)
 
 

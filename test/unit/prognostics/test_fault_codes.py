@@ -45,6 +45,7 @@ def test_codes_and_levels(verdict, codes, level):
 def test_a_severity_has_its_unit_and_interval():
     verdict = Verdict(outcome="fault", faults=(SHORT,))
     status = verdict_status("verdict", verdict.to_dict(), Judged(verdict))
+    assert status.message == "turn_short, phase b, 10 %"
     values = values_of(status)
     assert {key: values[key] for key in (
         "severity", "severity_unit", "severity_lower", "severity_upper")} == {
