@@ -28,8 +28,6 @@ CELLS = 12
 """Parts of an electrical turn in which what is not of the rotor is looked for: up to line 6."""
 LOWEST = 0.3
 """Least multiple of the electrical frequency of a limit cycle that is sought."""
-ROUNDS = 20
-"""Of reweighted least squares, which end at the least absolute deviations."""
 LINE = 10.0
 """Multiple of the median line from which on one is a limit cycle's and no noise, of which a line
 exceeds r times the median with the probability 2^(-r²)."""
@@ -102,12 +100,10 @@ def _other_lines(
     return 2.0 * np.exp(-1j * np.outer(other_orders(pole_pairs), angle)) @ rest
 
 
-def _cells(turns: Turns, speed: np.ndarray, pole_pairs: int, arrival: float) -> np.ndarray:
+def _cells(turns: Turns, speed: np.ndarray, pole_pairs: int) -> np.ndarray:
     """Return what no turn of the rotor repeats of the speed, shape (turns, CELLS) (rad/s).
 
-    Its lines are taken off sample by sample first: samples lie otherwise in a cell each turn. So
-    is what is left of the way to the ramp: a proportional position control comes to it as
-    exp(-`arrival` t) (1/s), which is no limit cycle and not over after a short stroke.
+    Its lines are taken off sample by sample first: samples lie otherwise in a cell each turn.
     """
     orders = [k / pole_pairs for k in range(1, CELLS * pole_pairs + 1)]
     waves = np.array(list(waves_at(turns.theta, orders).values()))
@@ -117,26 +113,22 @@ def _cells(turns: Turns, speed: np.ndarray, pole_pairs: int, arrival: float) -> 
     travelled = np.abs(turns.theta - turns.theta[0]) * (CELLS / TURN)
     cell = np.minimum(travelled.astype(int), CELLS * turns.count - 1)
     covered = np.bincount(cell, turns.weight, minlength=CELLS * turns.count)
-    tail = np.exp(-arrival * (turns.samples[:, TIME] - turns.samples[0, TIME]))
-    mean, tail = (np.bincount(cell, turns.weight * x, minlength=len(covered)) / np.maximum(
-        covered, 1e-12) for x in (speed, tail))
+    mean = np.bincount(cell, turns.weight * speed, minlength=len(covered)) / np.maximum(
+        covered, 1e-12)
     revolutions = mean.reshape(turns.count // pole_pairs, -1)
-    slow = np.stack([np.ones(mean.size), np.arange(mean.size) / mean.size, tail]).reshape(
-        3, *revolutions.shape)
-    # Medians, least absolute deviations: a single jolt is neither slow nor repeated.
-    level, each = median(revolutions, axis=-1), slow.mean(axis=2).T
-    weight, share = np.ones(len(level)), np.zeros(3)
-    for _ in range(ROUNDS):
-        share = np.linalg.lstsq(each * weight[:, None], level * weight, rcond=None)[0]
-        weight = 1.0 / np.sqrt(np.maximum(np.abs(level - each @ share), 1e-6))
-    revolutions = revolutions - np.tensordot(share, slow, 1)
+    half = len(revolutions) // 2
+    if half:  # medians: a single jolt is neither a drift nor repeated
+        drift = (median(revolutions[-half:]) - median(revolutions[:half])) / (
+            len(revolutions) - half)
+        revolutions = revolutions - drift * (
+            np.arange(mean.size) / revolutions.shape[1]).reshape(revolutions.shape)
     rest = revolutions - median(revolutions.T, axis=-1)
     return np.asarray(rest.reshape(turns.count, CELLS) * np.sqrt(
         len(revolutions) / max(len(revolutions) - 1.0, 1.0)))
 
 
 def _without_cycle(
-    turns: Turns, signal: np.ndarray, orders: Sequence[float], pole_pairs: int, arrival: float
+    turns: Turns, signal: np.ndarray, orders: Sequence[float], pole_pairs: int
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return a signal without what a limit cycle makes of it, see `Balance`.
 
@@ -147,7 +139,7 @@ def _without_cycle(
     are told, bool, shape (lines,), and `Balance.swing`.
     """
     speed, told = signal[:, 0], np.ones(len(orders), dtype=bool)
-    rest = _cells(turns, speed, pole_pairs, arrival)
+    rest = _cells(turns, speed, pole_pairs)
     length = 8 * rest.size
     power = np.abs(np.fft.rfft(rest.ravel() * np.hanning(rest.size), length))
     order = np.arange(len(power)) * (CELLS / length)
@@ -212,8 +204,7 @@ def torque_balance(signals: Signals, begin: float, end: float, min_turns: int) -
     turns = replace(turns, theta=turns.theta + TURN * before)
     signal = np.column_stack([signals.speed[part], signals.torque_current[part]])
     orders = line_orders(pairs)
-    arrival = signals.actuator.control.position_gain / signals.actuator.gear.ratio
-    signal, told, swing = _without_cycle(turns, signal, orders, pairs, arrival)
+    signal, told, swing = _without_cycle(turns, signal, orders, pairs)
     lines = rotor_lines(turns, signal, orders)
     lines = np.vstack([lines, _other_lines(turns, signal, lines, pairs)])
     h = np.concatenate([orders, other_orders(pairs)])

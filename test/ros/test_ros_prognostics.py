@@ -1,6 +1,7 @@
 """The prognostics node: records announced before and after its start, and by parameter."""
 
 import json
+import shutil
 
 import pytest
 import rclpy.serialization
@@ -9,7 +10,7 @@ from ros_processes import PROGNOSTICS
 from std_msgs.msg import Float64, String
 
 from ema_phm.api import to_json
-from ema_prognostics.prognostics_node import LONGEST_PATH, NOT_A_BAG, REMEMBERED
+from ema_prognostics.prognostics_node import LONGEST_PATH, NOT_A_BAG
 from ema_record.bag.read import write_bag
 from ema_record.profile import load_profile
 from ema_record.wire.topics import BIT_RECORD, SEVERITY, VERDICT
@@ -121,19 +122,24 @@ def test_a_bad_record_has_a_verdict_too_that_does_not_tell_which_files_exist(
 
 
 @pytest.mark.slow
-def test_what_was_announced_is_forgotten_in_the_end(nodes, watcher, listener):
-    """However many paths are announced, the memory that they take is bounded."""
+def test_what_was_whole_is_judged_once_and_what_was_not_each_time(
+    nodes, watcher, listener, bags, tmp_path
+):
+    """A record that is announced before it is whole is judged when it is announced again."""
     announce = make_publisher(watcher.node, BIT_RECORD)
     nodes.start(PROGNOSTICS)
-    announce.publish(String(data="/" + "x" * LONGEST_PATH))
-    for number in range(REMEMBERED + 1):
-        announce.publish(String(data=f"/nowhere/{number}"))
-        listener.wait(number + 1)
-    announce.publish(String(data=f"/nowhere/{REMEMBERED}"))  # remembered
-    announce.publish(String(data="/nowhere/0"))
-    listener.wait(REMEMBERED + 2)
-    last = [json.loads(v["json"])["bag"] for v in listener.verdicts[-2:]]
-    assert last == [f"/nowhere/{REMEMBERED}", "/nowhere/0"]
+    announce.publish(String(data="/" + "x" * LONGEST_PATH))  # too long: no answer
+    late = tmp_path / "late"
+    announced = [late, late, bags[0], bags[0], late]
+    for path, count in zip(announced, (1, 2, 3, 3, 4)):
+        if path == late and count == 4:
+            shutil.copytree(bags[1], late)
+        announce.publish(String(data=str(path)))
+        listener.wait(count)
+    found = [json.loads(v["json"]) for v in listener.verdicts]
+    assert [v["bag"] for v in found] == [str(p) for p in (late, late, bags[0], late)]
+    assert [v["verdict"] for v in found] == ["invalid", "invalid", found[2]["verdict"], "fault"]
+    assert found[2]["verdict"] != "invalid"
 
 
 def test_a_wrong_model_is_one_line_and_status_2(nodes):
