@@ -255,7 +255,7 @@ def test_damaged_messages_end_no_node_and_in_doubt_the_surface_stops(chain, watc
     for publisher in damaged:
         publisher.publish(b"\x00")
         publisher.publish(b"\x00\x01\x00\x00\xff\xff\xff\x7f")
-    watcher.spin_for(0.5)
+    watcher.spin_for(1.4)
     sent = []
 
     def damage():
