@@ -17,12 +17,12 @@ class Interlock:
     Parameters
     ----------
     timeout : age at which the last message is stale (s).
-    hold : time for which it must be steady after it was off (s); None: `HOLD` times `timeout`.
+    hold : for how many times `timeout` it must be steady after it was off.
     """
 
-    def __init__(self, timeout: float = DEFAULT_TIMEOUT, hold: float | None = None) -> None:
+    def __init__(self, timeout: float = DEFAULT_TIMEOUT, hold: float = HOLD) -> None:
         """Begin without any message: refused."""
-        self.timeout, self.hold = timeout, HOLD * timeout if hold is None else hold
+        self.timeout, self.hold = timeout, hold * timeout
         self._value = False
         self._received: float | None = None
         self._transit = 0.0
