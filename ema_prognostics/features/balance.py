@@ -28,6 +28,8 @@ CELLS = 12
 """Parts of an electrical turn in which what is not of the rotor is looked for: up to line 6."""
 LOWEST = 0.3
 """Least multiple of the electrical frequency of a limit cycle that is sought."""
+ROUNDS = 20
+"""Of reweighted least squares, which end at the least absolute deviations."""
 LINE = 10.0
 """Multiple of the median line from which on one is a limit cycle's and no noise, of which a line
 exceeds r times the median with the probability 2^(-r²)."""
@@ -100,35 +102,41 @@ def _other_lines(
     return 2.0 * np.exp(-1j * np.outer(other_orders(pole_pairs), angle)) @ rest
 
 
-def _cells(turns: Turns, speed: np.ndarray, pole_pairs: int) -> np.ndarray:
+def _cells(turns: Turns, speed: np.ndarray, pole_pairs: int, arrival: float) -> np.ndarray:
     """Return what no turn of the rotor repeats of the speed, shape (turns, CELLS) (rad/s).
 
-    Its lines are taken off sample by sample first: samples lie otherwise in a cell each turn.
+    Its lines are taken off sample by sample first: samples lie otherwise in a cell each turn. A
+    drift and what is left of the way to the ramp, exp(-`arrival` t) (1/s) under a proportional
+    position control, are no limit cycle: least absolute deviations, as a single jolt is neither.
     """
     orders = [k / pole_pairs for k in range(1, CELLS * pole_pairs + 1)]
     waves = np.array(list(waves_at(turns.theta, orders).values()))
-    away = speed - turns.weight @ speed  # no matrix product below: it would wake all cores
-    lines = 2.0 * np.einsum("hn,n->h", waves.conj(), turns.weight * away)
-    speed = away - np.einsum("h,hn->n", lines, waves).real
     travelled = np.abs(turns.theta - turns.theta[0]) * (CELLS / TURN)
     cell = np.minimum(travelled.astype(int), CELLS * turns.count - 1)
-    covered = np.bincount(cell, turns.weight, minlength=CELLS * turns.count)
-    mean = np.bincount(cell, turns.weight * speed, minlength=len(covered)) / np.maximum(
-        covered, 1e-12)
-    revolutions = mean.reshape(turns.count // pole_pairs, -1)
-    half = len(revolutions) // 2
-    if half:  # medians: a single jolt is neither a drift nor repeated
-        drift = (median(revolutions[-half:]) - median(revolutions[:half])) / (
-            len(revolutions) - half)
-        revolutions = revolutions - drift * (
-            np.arange(mean.size) / revolutions.shape[1]).reshape(revolutions.shape)
+    covered = np.maximum(np.bincount(cell, turns.weight, minlength=CELLS * turns.count), 1e-12)
+
+    def beside(values: np.ndarray) -> np.ndarray:
+        away = values - turns.weight @ values  # no matrix product below: it would wake all cores
+        lines = 2.0 * np.einsum("hn,n->h", waves.conj(), turns.weight * away)
+        away -= np.einsum("h,hn->n", lines, waves).real
+        return np.bincount(cell, turns.weight * away, minlength=len(covered)) / covered
+
+    time = turns.samples[:, TIME] - turns.samples[0, TIME]
+    mean = beside(speed)
+    slow = np.column_stack([np.ones(mean.size), beside(travelled), beside(np.exp(-arrival * time))])
+    rest = mean
+    for _ in range(ROUNDS):
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(rest), 1e-6))
+        share = np.linalg.lstsq(slow * weight[:, None], mean * weight, rcond=None)[0]
+        rest = mean - slow @ share
+    revolutions = rest.reshape(turns.count // pole_pairs, -1)
     rest = revolutions - median(revolutions.T, axis=-1)
     return np.asarray(rest.reshape(turns.count, CELLS) * np.sqrt(
         len(revolutions) / max(len(revolutions) - 1.0, 1.0)))
 
 
 def _without_cycle(
-    turns: Turns, signal: np.ndarray, orders: Sequence[float], pole_pairs: int
+    turns: Turns, signal: np.ndarray, orders: Sequence[float], pole_pairs: int, arrival: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return a signal without what a limit cycle makes of it, see `Balance`.
 
@@ -139,7 +147,7 @@ def _without_cycle(
     are told, bool, shape (lines,), and `Balance.swing`.
     """
     speed, told = signal[:, 0], np.ones(len(orders), dtype=bool)
-    rest = _cells(turns, speed, pole_pairs)
+    rest = _cells(turns, speed, pole_pairs, arrival)
     length = 8 * rest.size
     power = np.abs(np.fft.rfft(rest.ravel() * np.hanning(rest.size), length))
     order = np.arange(len(power)) * (CELLS / length)
@@ -204,7 +212,8 @@ def torque_balance(signals: Signals, begin: float, end: float, min_turns: int) -
     turns = replace(turns, theta=turns.theta + TURN * before)
     signal = np.column_stack([signals.speed[part], signals.torque_current[part]])
     orders = line_orders(pairs)
-    signal, told, swing = _without_cycle(turns, signal, orders, pairs)
+    arrival = signals.actuator.control.position_gain / signals.actuator.gear.ratio
+    signal, told, swing = _without_cycle(turns, signal, orders, pairs, arrival)
     lines = rotor_lines(turns, signal, orders)
     lines = np.vstack([lines, _other_lines(turns, signal, lines, pairs)])
     h = np.concatenate([orders, other_orders(pairs)])

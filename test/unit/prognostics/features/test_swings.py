@@ -44,6 +44,13 @@ def test_nor_is_a_drift_or_noise() -> None:
     assert torque_balance(prepare(record), 0.1, 0.36, 20).swing < 0.2 * SWING
 
 
+def test_nor_is_what_is_left_of_the_way_to_a_ramp() -> None:
+    record, actuator = slewing_record(noise=0.02), load_actuator()
+    arrival = actuator.control.position_gain / actuator.gear.ratio
+    record.samples[:, 1] -= 30.0 * np.exp(-arrival * (record.time - 0.1))
+    assert torque_balance(prepare(record), 0.1, 0.2, 8).swing < SWING
+
+
 def test_a_limit_cycle_is_taken_off_the_lines() -> None:
     own = [(1, 6.0, 0.3), (2, 9.0, -0.7)]
     alone = torque_balance(prepare(slewing_record(speed_lines=own)), 0.1, 0.36, 20)
