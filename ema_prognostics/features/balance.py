@@ -123,7 +123,8 @@ def _cells(turns: Turns, speed: np.ndarray, pole_pairs: int, arrival: float) -> 
 
     time = turns.samples[:, TIME] - turns.samples[0, TIME]
     mean = beside(speed)
-    slow = np.column_stack([np.ones(mean.size), beside(travelled), beside(np.exp(-arrival * time))])
+    slow = np.column_stack([
+        np.ones(mean.size), beside(travelled), beside(np.exp(-arrival * time))])
     rest = mean
     for _ in range(ROUNDS):
         weight = 1.0 / np.sqrt(np.maximum(np.abs(rest), 1e-6))
