@@ -32,6 +32,7 @@ from ema_ros.messages import (
     PolledGroup,
     diagnostic_status,
     make_polled_subscription,
+    monitors,
     namespace_of,
     read_message,
     take_all,
@@ -133,7 +134,7 @@ class VerdictKeeper:
 
 
 def what_is_missing(
-    node: Node, samples: Subscription, command: Publisher, service: str, reported: Sequence[str],
+    node: Node, samples: Subscription, command: Publisher, reported: Sequence[str],
 ) -> str:
     """Return what of the graph is missing or in the way; empty: nothing.
 
@@ -145,8 +146,10 @@ def what_is_missing(
                 f"{unheard(node, samples)}")
     if command.get_subscription_count() < 1:
         return f"no actuator listens to {command.topic_name}"
-    if node.count_services(service) > 1:
-        return f"another monitor offers {service} on this domain"
+    own = node.resolve_service_name("~/self_test")
+    if len(found := monitors(node)) > 1:
+        other = next((service for service in found if service != own), own)
+        return f"another monitor offers {other} on this domain"
     if len(reported) > 1:
         return f"{len(reported)} actuators report here: {', '.join(reported)}"
     return ""

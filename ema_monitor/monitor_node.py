@@ -91,7 +91,6 @@ class MonitorNode(EmaNode):
         self._values = declare_parameters(self, SPECS)
         self._serial = str(self._values["serial_number"])
         self._namespace = namespace_of(self)
-        self._service_name = self.resolve_service_name("~/self_test")
         self._request: Request | None = None
         self._waiting: list[Request] = []
         self._callers = 0
@@ -112,7 +111,7 @@ class MonitorNode(EmaNode):
 
     def activate(self) -> None:
         """Look for another monitor, then listen and offer the services."""
-        self.refuse_another(self._service_name)
+        self.refuse_another()
         self._interlock = Interlock(float(self._values["weight_on_wheels_timeout"]))
         self._recorder = BitRecorder(self._namespace)
         self._actuator: ActuatorStatus | None = None
@@ -244,7 +243,7 @@ class MonitorNode(EmaNode):
         return Observation(
             now=now, stamp=time.time_ns(), interlock=interlock,
             missing=what_is_missing(self, self._polled[SAMPLES], self._command,
-                                    self._service_name, recent) if finding else "",
+                                    recent) if finding else "",
             actuator=None if silent else self._actuator, actuator_heard=self._actuator_heard,
             samples_received=self._recorder.samples_received,
             last_sample=self._recorder.last_sample,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import time
 from collections.abc import Callable
@@ -35,10 +36,10 @@ def new_bag_path(
     serial = re.sub(r"[^A-Za-z0-9.-]+", "-", serial_number).strip("-.")[:40] or "unknown"
     prefix = name.replace("/", "_") + "_" if name else ""
     stem = f"{prefix}{serial}_{begin}_{profile}"
-    path, number = directory / stem, 1
+    path, number = Path(os.path.expanduser(directory)) / stem, 1  # noqa: PTH111  (never raises)
     while path.exists():
         number += 1
-        path = directory / f"{stem}_{number}"
+        path = path.with_name(f"{stem}_{number}")
     return path
 
 

@@ -51,6 +51,7 @@ def exists(path: Path) -> OutputError:
 def cannot_write(path: Path, error: OSError) -> OutputError:
     """Return the error for an output that cannot be written."""
     remedy = ("make its folder first" if isinstance(error, FileNotFoundError)
+              else "choose a shorter name" if error.errno == errno.ENAMETOOLONG
               else "choose a folder with write permission and free space")
     return OutputError(f"{path}: cannot be written ({error.strerror or error}): {remedy}")
 

@@ -21,6 +21,18 @@ _Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 class _OurSafeLoader(_Base):
     """The safe loader, to which ``1e-3`` is a number as in YAML 1.2, not a text as in 1.1."""
 
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Return a mapping of which no key stands there twice, however it is written."""
+        found: dict[Any, Any] = super().construct_mapping(node, deep)
+        if len(set(map(str, found))) < len(node.value):
+            seen: set[object] = set()
+            for part, _ in node.value:
+                key = self.construct_object(part)
+                if {key, str(key)} & seen:
+                    raise _refused(f"{part.value[:60]!r} stands there twice", part)
+                seen |= {key, str(key)}
+        return found
+
 
 _OurSafeLoader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+\Z"),
@@ -58,10 +70,9 @@ def _check_structure(text: str) -> None:
     """Refuse what is not meant or not safe, before anything is built.
 
     That is aliases (exponential expansion), tags (constructors that fail in their own ways), deep
-    nesting, a key that its mapping has already, a number that is not decimal or beyond all.
+    nesting, a number that is not decimal or beyond all.
     """
-    keys: list[set[str] | None] = []  # of the collections that are open; None: a list
-    at_key: list[bool] = []
+    depth = 0
     for event in yaml.parse(text, Loader=_OurSafeLoader):
         if isinstance(event, yaml.AliasEvent):
             raise _refused("aliases are not allowed", event)
@@ -75,23 +86,13 @@ def _check_structure(text: str) -> None:
         if len(bare) > MAX_DIGITS and _WHOLE.match(bare):
             raise _refused(f"a number of {len(bare)} characters, at most {MAX_DIGITS}: write a "
                            "smaller one, or a text in quotes", event)
-        if isinstance(event, yaml.CollectionEndEvent):
-            keys.pop()
-            at_key.pop()
-        elif isinstance(event, yaml.NodeEvent) and keys and (known := keys[-1]) is not None:
-            if at_key[-1] and isinstance(event, yaml.ScalarEvent):
-                if event.value in known:
-                    raise _refused(f"{event.value[:60]!r} stands there twice", event)
-                known.add(event.value)
-            at_key[-1] = not at_key[-1]
-        if isinstance(event, yaml.CollectionStartEvent):
-            keys.append(set() if isinstance(event, yaml.MappingStartEvent) else None)
-            at_key.append(True)
-        if len(keys) > MAX_DEPTH:
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > MAX_DEPTH:
             raise _refused(f"nested deeper than {MAX_DEPTH} levels", event)
 
 
-def _refused(problem: str, event: yaml.Event) -> yaml.MarkedYAMLError:
+def _refused(problem: str, event: yaml.Event | yaml.Node) -> yaml.MarkedYAMLError:
     """Return the error for something that YAML allows and we do not."""
     error = yaml.MarkedYAMLError(problem=problem)
     error.problem_mark = event.start_mark  # type: ignore[assignment]

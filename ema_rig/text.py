@@ -184,6 +184,9 @@ def _layout(lines: list[str], text_format: TextFormat, path: Path) -> _Layout:
             units: list[str] = []
             if len(rows) == 2 and len(rows[0]) == len(header) and _is_units(header):
                 header, units = rows[0], [cell.strip(" []()") for cell in header]
+            common = min(len(header) or len(cells), len(cells))
+            if not "".join([*header[common:], *cells[common:]]).strip():  # delimiters at the end
+                header, cells = header[:common], cells[:common]
             if text_format.header is False or len(header) != len(cells):
                 header, units = [str(number) for number in range(len(cells))], []
             names = [name if header.index(name) == k else f"{name}#{k}"

@@ -22,7 +22,7 @@ from rclpy.timer import Timer
 
 from ema_record.errors import EmaError, UsageError
 from ema_record.kit import use_kit
-from ema_ros.messages import refuse_wrong_transitions
+from ema_ros.messages import monitors, refuse_wrong_transitions
 from ema_ros.parameters import AUTOSTART, KIT, USE_SIM_TIME, ParameterSpec, Value, check_values
 from ema_ros.process import StopSignal
 
@@ -113,13 +113,13 @@ class EmaNode(LifecycleNode):
         node._starting = False
         return node
 
-    def refuse_another(self, service: str) -> None:
-        """Raise UsageError where another node, looked for a while, offers this service."""
+    def refuse_another(self) -> None:
+        """Raise UsageError where a monitor of these topics, looked for a while, is there."""
         end = time.monotonic() + LOOK_FOR_OTHERS
         while time.monotonic() < end and not self._stop:
-            if self.count_services(service):
+            if others := monitors(self):
                 raise UsageError(
-                    f"another monitor offers {service} on this domain: stop it, or set another "
+                    f"another monitor offers {others[0]} on this domain: stop it, or set another "
                     "ROS_DOMAIN_ID"
                 )
             time.sleep(0.02)

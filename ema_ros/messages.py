@@ -25,7 +25,7 @@ from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from ema_record.wire.topics import DIAGNOSTICS, TOPICS, Qos, relative_name
+from ema_record.wire.topics import BIT_RECORD, DIAGNOSTICS, TOPICS, Qos, relative_name
 from ema_record.wire.types import NANOSECONDS
 
 T = TypeVar("T")
@@ -132,6 +132,14 @@ def resolved(node: Node, topic: str) -> str:
     """Return the name of a topic of the table on the graph, as this node knows it."""
     name: str = node.resolve_topic_name(relative_name(topic))
     return name
+
+
+def monitors(node: Node) -> list[str]:
+    """Return the services of the monitors that are active: who announces records, and tests."""
+    found = {node.resolve_service_name("~/self_test")}
+    for publisher in node.get_publishers_info_by_topic(resolved(node, BIT_RECORD)):
+        found.add(f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}/self_test")
+    return [service for service in sorted(found) for _ in range(node.count_services(service))]
 
 
 def namespace_of(node: Node) -> str:

@@ -51,7 +51,7 @@ class RecordAssembler:
         Raises
         ------
         InvalidRecordError
-            The message is damaged, or the samples never end.
+            The message is damaged, came twice, or the samples never end.
         """
         if topic == COMMAND:
             if self._command is not None and not self._ahead:
@@ -69,6 +69,9 @@ class RecordAssembler:
     def _take_block(self, block: np.ndarray, now: float) -> None:
         if len(block) == 0:
             return
+        if self._blocks and np.array_equal(block, self._blocks[-1], equal_nan=True):
+            raise InvalidRecordError(f"{SAMPLES}: a message came twice and is left out: look for "
+                                     "a second publisher")
         if self._blocks and block[0, TIME] <= self._blocks[-1][-1, TIME]:
             self._blocks, self._count, self._ahead = [], 0, True
         self._count += len(block)

@@ -290,7 +290,7 @@ def _salvage(path: Path) -> Salvage:
         except OSError as error:
             raise container.unreadable(file, error) from None
         except MemoryError:
-            found.damaged(f"{file.name}: not enough memory to unpack it", file.stat().st_size)
+            found.damaged(f"{file}: not enough memory to unpack it", file.stat().st_size)
     if found.messages or found.metadata:
         return found
     raise first or IncompleteRecordError(
@@ -322,9 +322,9 @@ def _salvage_file(file: Path, found: Salvage) -> None:
     with file.open("rb") as stream:
         if file.name.endswith(".zstd"):
             data = unpack_zstd_part(stream.read(MAX_UNPACKED_FILE_BYTES), MAX_UNPACKED_FILE_BYTES)
-            mcap = McapStream(io.BytesIO(data), len(data), file.name, on_damage=found.damaged)
+            mcap = McapStream(io.BytesIO(data), len(data), str(file), on_damage=found.damaged)
         else:
-            mcap = McapStream(stream, file.stat().st_size, file.name, on_damage=found.damaged)
+            mcap = McapStream(stream, file.stat().st_size, str(file), on_damage=found.damaged)
         for item in mcap:
             if isinstance(item, McapMetadata):
                 found.metadata[item.name] = item.values
@@ -332,7 +332,7 @@ def _salvage_file(file: Path, found: Salvage) -> None:
                 found.messages.append(_unpacked_message(item, found.room))
                 found.room -= len(found.messages[-1].data)
             else:
-                found.damaged(f"{file.name}: more than {MAX_MESSAGES} messages or "
+                found.damaged(f"{file}: more than {MAX_MESSAGES} messages or "
                               f"{MAX_TOTAL_BYTES} bytes of them")
                 return
 

@@ -64,9 +64,12 @@ def _jumps(facts: BagFacts) -> Iterator[tuple[str, Hit]]:
     if len(s) < 2:
         return
     if s[0, TIME] > LARGEST_STEP * interval:
-        missing = float(s[0, TIME]) / interval - 0.5
+        missing, span = float(s[0, TIME]) / interval - 0.5, float(np.ptp(s[:, TIME]))
+        whole = facts.profile and span > facts.profile.duration - LARGEST_STEP * interval
         yield "gap", Hit(
-            f"the first {missing:.0f} samples are missing", 0.0, float(s[0, TIME]), "s"
+            f"the times of a whole test begin at {s[0, TIME]:.4f} s: count them from its command"
+            if whole else f"the first {missing:.0f} samples are missing",
+            0.0, float(s[0, TIME]), "s",
         )
     steps = np.diff(s[:, TIME])
     if len(facts.unusable):

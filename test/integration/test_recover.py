@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import re
 import resource
 import shutil
 import signal
@@ -217,6 +218,13 @@ def test_where_there_is_no_recording_that_is_said(good, tmp_path, name, what):
     with pytest.raises(RecordError, match=what):
         recover_bag(tmp_path / name)
     assert {p.name for p in tmp_path.iterdir()} == {"empty", "bag"}
+
+
+def test_an_empty_file_is_named_with_its_folder(tmp_path):
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "a_0.mcap").touch()
+    with pytest.raises(RecordError, match=re.escape(f"{tmp_path / 'bag' / 'a_0.mcap'}: empty")):
+        recover_bag(tmp_path / "bag")
 
 
 def test_command(good, tmp_path, capsys):

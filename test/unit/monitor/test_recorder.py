@@ -1,5 +1,7 @@
 """The recorder: names that are never taken twice, counts, and bags that read back."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -24,6 +26,12 @@ def test_names_tell_serial_time_and_profile_and_are_unique(tmp_path):
         assert other.name == f"{first.name}_{number}"
         other.mkdir()
     assert new_bag_path(tmp_path, "../..", STAMP, "step").parent == tmp_path
+
+
+def test_a_home_folder_is_found(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert new_bag_path(Path("~/records"), "A", STAMP, "step").parent == tmp_path / "records"
+    assert new_bag_path(Path("~nobody-here/x"), "A", STAMP, "step").parent.name == "x"
 
 
 def test_counts_always_and_keeps_only_what_belongs_to_the_bag(tmp_path):

@@ -52,6 +52,17 @@ def test_the_record_is_finished_with_its_last_sample(record):
     assert assembler.finished(100.0) is None, "the same record twice"
 
 
+def test_a_message_that_comes_twice_counts_once(record):
+    assembler = RecordAssembler()
+    assembler.take(COMMAND, encode_command(record.profile, EPOCH), 0.0)
+    blocks = blocks_of(record)
+    feed(assembler, blocks[:6])
+    with pytest.raises(InvalidRecordError, match="came twice and is left out: look for a second"):
+        feed(assembler, blocks[5:6])
+    found, _ = feed(assembler, blocks[6:])
+    assert np.array_equal(found.samples, record.samples)
+
+
 def test_a_command_that_arrives_after_the_first_samples(record):
     assembler = RecordAssembler()
     blocks = blocks_of(record)

@@ -52,6 +52,12 @@ def test_a_folder_that_is_missing_is_told_as_that(tmp_path):
         pass
 
 
+def test_a_name_that_is_too_long_is_told_as_that(tmp_path):
+    with pytest.raises(OutputError, match=r"File name too long\): choose a shorter name"), (
+            new_file(tmp_path / ("x" * 250))):
+        pass
+
+
 def test_a_planted_link_is_not_followed(tmp_path):
     victim = tmp_path / "victim"
     victim.write_text("precious")

@@ -50,6 +50,9 @@ def test_a_text_in_quotes_and_zeros_are_no_numbers_of_another_base(tmp_path):
         ("[" * 60 + "]" * 60, "nested deeper than 50 levels"),
         ("a:\n  b: 1\n  c: 2\n  b: 3\n", "line 4: malformed YAML: 'b' stands there twice"),
         ("[{a: 1, 'a': 2}]", "line 1: malformed YAML: 'a' stands there twice"),
+        ("b: 1\na: {1: 2, 0x1: 3}", "line 2: malformed YAML: '0x1' stands there twice"),
+        ("1: a\n1.0: b", "line 2: malformed YAML: '1.0' stands there twice"),
+        ("[1: a, {1: a, '1': b}]", "line 1: malformed YAML: '1' stands there twice"),
         ("a: 1\n---\nb: 2\n", "but found another document"),
         ("a: 2026-13-45", "malformed YAML"),
         *((f"b: 0.5\na: {x}", f"line 2: malformed YAML: '{re.escape(x)}' could be a number")

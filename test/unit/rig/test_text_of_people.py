@@ -83,6 +83,13 @@ def test_a_cell_of_another_column_and_a_line_that_was_cut_do_not_matter(tmp_path
     assert "line 62 is cut and left out" in record.axis.notes
 
 
+@pytest.mark.parametrize("mark", [",", ";"])
+@pytest.mark.parametrize(("head", "end"), [("", "X"), ("X", ""), ("X", "X"), ("X", "X X")])
+def test_delimiters_at_the_end_do_not_cost_the_names(tmp_path, mark, head, end):
+    text = table(head=f"t,i,q{head}", form="{t:.4f},{i:.8f},{q:.8f}" + end.replace(" ", ""))
+    check(imported(write(tmp_path / "a.csv", text.replace("X", ",").replace(",", mark))))
+
+
 @pytest.mark.parametrize(("unit", "form"), [
     ("iso", lambda t: f"2024-03-01T23:59:59.{int(1e9 * (0.9 + t)) % 10**9:09d}Z" if t < 0.0999
         else f"2024-03-02T00:00:00.{round(1e6 * (t - 0.1)):06d}+00:00"),

@@ -4,13 +4,14 @@ import inspect
 import re
 import types
 
+import pytest
 import rclpy
 from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import Executor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from std_msgs.msg import String
 
-from ema_ros.messages import DiagnosticsPublisher, PolledGroup, take_all
+from ema_ros.messages import DiagnosticsPublisher, PolledGroup, monitors, take_all
 from ema_ros.process import spun
 
 PRIVATE = re.compile(r"rclpy_implementation|take_message|\.handle\b|_rclpy|CallbackGroup\)")
@@ -54,3 +55,19 @@ def test_a_polled_subscription_wakes_nobody_and_gives_all_with_its_stamps(ros_do
     assert all(0 < taken.sent <= taken.received for taken in found)
     numbers = [taken.sequence for taken in found]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+
+
+@pytest.mark.parametrize(("others", "found"), [
+    ([], []), (["ema_monitor"], ["/left/ema_monitor/self_test"]),
+    (["second", "recorder"], ["/left/second/self_test"]),
+])
+def test_a_monitor_is_found_whatever_its_node_is_called(others, found):
+    publisher = types.SimpleNamespace
+    node = types.SimpleNamespace(
+        resolve_service_name=lambda _: "/left/ema_monitor/self_test",
+        resolve_topic_name=lambda name: f"/left/{name}",
+        get_publishers_info_by_topic=lambda name: [
+            publisher(node_namespace="/left", node_name=other) for other in others
+            if name == "/left/ema/bit/record"],
+        count_services=lambda name: name.split("/")[2] in others and "recorder" not in name)
+    assert monitors(node) == found

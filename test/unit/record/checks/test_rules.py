@@ -46,6 +46,14 @@ def test_time_and_size_of_a_gap(recording, record, tmp_path):
     assert (finding.size, finding.unit) == (pytest.approx(500 / record.rate), "s")
 
 
+def test_times_that_do_not_count_from_the_command_are_no_missing_samples(recording, tmp_path):
+    for _, block in recording.blocks:
+        block[:, 0] += 5.0
+    gap = next(f for f in lint_bag(recording.write(tmp_path / "bag")).findings if f.rule == "gap")
+    assert gap.message == ("the times of a whole test begin at 5.0000 s: count them from its "
+                           "command")
+
+
 def test_size_of_a_clock_jump(recording, record, tmp_path):
     for _, block in recording.blocks[9:]:
         block[:, 0] += 0.03
