@@ -61,9 +61,14 @@ def _presliding(segment: Segment, trajectory: Trajectory, shape: Shape) -> Seque
 
 
 def _backlash(segment: Segment, trajectory: Trajectory, shape: Shape) -> Sequence[np.ndarray]:
+    """Return the acceleration of a load in a gap less that of the drive, and its friction.
+
+    The load rests while the gap is crossed, and is caught at the far side in one blow: its
+    momentum is that of the drive's speed again, which its own friction alone would not give back.
+    """
     state = _since_reversal(trajectory.smoothed(segment, segment.position), 0.5 * shape[0])
     crossing = (np.abs(state) < 0.5 * shape[0] * (1.0 - 1e-9)).astype(np.float64)
-    return (-crossing * trajectory.smoothed(segment, segment.acceleration),
+    return (-derivative(derivative(state, segment.step), segment.step),
             -crossing * sign(segment, trajectory))
 
 
@@ -132,11 +137,12 @@ HYSTERESIS = Law(
 BACKLASH = Law(
     name="backlash",
     meaning="lost motion: load and its friction are let go after each reversal",
-    equation="u = -(J_l a + F_l sign(v)) while the gap is crossed",
+    equation="u = J_l (a_l - a) - F_l sign(v) [in the gap], x_l = x less the play of the gap",
     reference="Nordin, Gutman 2002, Automatica 38(10)",
     against="test phase", coefficients=("inertia", "friction"), shape=("gap",),
     units={"inertia": "u/a", "friction": "u", "gap": "x"}, columns=_backlash, grid=travel_grid,
     positive=True, beside={"presliding_hysteresis": "inertia"},
+    excludes=("load_side_compliance",),  # the sensor is at one side, here the drive's
 )
 DELAY = Law(
     name="control_delay",
@@ -189,7 +195,8 @@ LOAD_SIDE_COMPLIANCE = Law(
     reference="Ellis, Lorenz 2000, IEEE IAS Annual Meeting (two-mass drives)",
     against="frequency", coefficients=("value",), units={"value": "u*s²/a"},
     columns=lambda segment, _t, _s: (_snap(segment),),
-    dynamic=True, positive=True, excludes=("compliance", "quasi_static_compliance"),
+    dynamic=True, positive=True,
+    excludes=("compliance", "quasi_static_compliance", "backlash"),
 )
 PERIODIC_DISTURBANCE = Law(
     name="periodic_disturbance",

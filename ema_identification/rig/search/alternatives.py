@@ -77,11 +77,16 @@ EVALUATIONS = 14
 def refined(balance: InputBalance, term: Term) -> Term:
     """Return the term with its shape moved between the neighbours on the grid.
 
-    One parameter after the other. Whole numbers a turn stay whole; a parameter with one point
-    on its grid is returned as it is.
+    One parameter after the other; several until they stay, since the best of one depends on the
+    others: a frequency that is off looks like damping. Whole numbers a turn stay whole; a
+    parameter with one point on its grid is returned as it is.
     """
-    for place in range(len(term.shape)):
-        term = _shape_moved(balance, term, place)
+    for _ in range(ITERATIONS if len(term.shape) > 1 else 1):
+        before = term.shape
+        for place in range(len(term.shape)):
+            term = _shape_moved(balance, term, place)
+        if np.allclose(term.shape, before, rtol=CLOSE, atol=0.0):
+            break
     return term
 
 
@@ -98,8 +103,9 @@ def _shape_moved(balance: InputBalance, term: Term, place: int) -> Term:
         return Term(law=term.law, shape=(float(round(value)),))
     basis = orthonormal(balance.free_columns)
     residual = balance.target - basis @ (basis.T @ balance.target)
-    below = [g for g in grid if g < value]
-    above = [g for g in grid if g > value]
+    near = value if len(term.shape) == 1 else min(grid, key=lambda g: abs(g - value))
+    below = [g for g in grid if g < near]  # of several, one at a point of the grid may cross it
+    above = [g for g in grid if g > near]
     spacing = min(b - a for a, b in zip(grid[:-1], grid[1:]))
     low = below[-1] if below else value - min(spacing, 0.9 * abs(value))
     high = above[0] if above else value + spacing
@@ -131,10 +137,11 @@ def best_placed(balance: InputBalance, law: Law) -> Term:
 MOST = 1.0
 """Sampling intervals that a lag may have to be one of the record."""
 ITERATIONS = 6
+"""Of a lag, and of a shape, at most."""
 SHIFTS = (-0.2, -0.1, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6)
 """Shifts tried, in units of rms speed over rms acceleration: a radian of the motion."""
 CLOSE = 1e-3
-"""Change of a lag at which the iteration ends, in sampling intervals."""
+"""Change of a lag at which the iteration ends, in sampling intervals; of a shape, relative."""
 _DELAY = Term(law=DELAY)
 
 
