@@ -46,11 +46,9 @@ def _count(lower: int, upper: int, text: str) -> object:
 def _choice(names: tuple[str, ...], text: str) -> tuple[object, object]:
     """Return the pydantic metadata of a word that the kernel sees as its place in `names`."""
     def code(value: object) -> object:
-        if isinstance(value, str):
-            if value not in names:
-                raise ValueError(f"{value[:60]!r} is none of {', '.join(names)}")
-            return names.index(value)
-        return int(value) if isinstance(value, bool) else value
+        if isinstance(value, bool) or (isinstance(value, str) and value not in names):
+            raise ValueError(f"{str(value)[:60]!r} is none of {', '.join(names)}")
+        return names.index(value) if isinstance(value, str) else value
 
     return BeforeValidator(code), Field(
         ge=0, lt=len(names), description=text,

@@ -13,12 +13,14 @@ import yaml
 
 from ema_cli.views.verdict import next_commands
 from ema_prognostics.verdict.judge import Judge
-from ema_record.actuator import load_actuator
+from ema_record.actuator import actuator_from, load_actuator
 from ema_record.actuator_type import actuator_hash, actuator_hashes, is_of_another_actuator
 from ema_record.bag.read import write_bag
+from ema_record.channels import CHANNEL_NAMES
 from ema_record.checks.run import lint_bag
 from ema_record.errors import ModelError, UsageError
 from ema_record.kit import ACTUATOR, is_default_kit, kit_folder, shipped_kit, using_kit
+from ema_record.spread import load_spread
 from support.simulations import make_kit, record_of, second_kit
 
 
@@ -115,6 +117,79 @@ def test_a_section_of_a_kit_that_nothing_reads_or_no_number_is_refused(tmp_path,
     with using_kit(kit), pytest.raises(UsageError, match=problem) as caught:
         load_actuator()
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("section", "name", "value", "problem"), [
+    ("motor", "pole_pairs", 0, "must be greater than or equal to 1"),
+    ("gear", "efficiency", 1.01, "must be less than or equal to 1"),
+    ("gear", "rattio", 300.0, "did you mean 'ratio'"),
+    ("gear", "ratio", float("nan"), "ratio: "), ("gear", "ratio", float("inf"), "ratio: "),
+    ("drive", "kind", 4, "must be less than 4"), ("drive", "kind", -1, "must be greater"),
+    ("drive", "kind", "rely", "'rely' is none of relay"),
+    ("drive", "kind", True, "'True' is none of relay"),
+    ("acquisition", "converters", 2, "converters: "),
+    ("acquisition", "converters", -1, "converters: "),
+])
+def test_a_value_that_no_actuator_has_is_refused(section, name, value, problem):
+    with pytest.raises(UsageError, match=problem):
+        actuator_from({section: {name: value}}, "here")
+
+
+@pytest.fixture
+def spread_of(tmp_path):
+    """Return the spread of a kit that is described alone, with one section changed."""
+    def load(name, change):
+        data = yaml.safe_load((shipped_kit() / ACTUATOR).read_text(encoding="utf-8"))
+        data[name] = {**data[name], **change}
+        (tmp_path / ACTUATOR).write_text(yaml.safe_dump(data), encoding="utf-8")
+        with using_kit(tmp_path):
+            return load_spread()
+    return load
+
+
+@pytest.mark.parametrize(("name", "change", "problem"), [
+    ("conditions", {"temperature_least": 30.0, "temperature_most": 20.0}, "temperature_least 30"),
+    ("conditions", {"noise_least": 2.0, "noise_most": 1.0}, "noise_least 2 is above noise_most 1"),
+    ("conditions", {"buss": 0.1}, "did you mean 'bus'"),
+    ("tolerances", {"viscous_factor": 0.9}, "viscous_factor: must be greater"),
+    ("tolerances", {"inertia": 0.51}, "inertia: must be less"),
+])
+def test_a_spread_that_no_type_has_is_refused(spread_of, name, change, problem):
+    with pytest.raises(UsageError, match=problem):
+        spread_of(name, change)
+
+
+def test_a_condition_may_be_one_value(spread_of):
+    found = spread_of("conditions", {"temperature_least": 20.0, "temperature_most": 20.0})
+    assert found.conditions.temperature_least == found.conditions.temperature_most == 20.0
+
+
+@pytest.mark.parametrize(("change", "lacks"), [
+    ({"phase_current_c": False}, "phase_current_c"), ({"rotor_angle": False}, "rotor_angle"),
+    ({"surface_position": False}, "surface_position")])
+def test_what_a_kit_does_not_record_is_that_channel(change, lacks):
+    columns = actuator_from({"acquisition": change}, "here").acquisition.columns
+    assert [n for k, n in enumerate(CHANNEL_NAMES) if k not in columns] == [lacks]
+
+
+def test_the_noise_of_a_sample_is_less_on_a_longer_mean_and_whole_in_an_instant():
+    """A control that reads at 10 kHz gives its noise to a record at any rate above."""
+    noise = {"speed": 2.0, "current": 0.1, "position": 3e-5}
+    known = {"control": {"period": 1e-4}, "noise": noise}
+    for sampling, rate, inside, current in (
+            ("mean", 5_000.0, 0.5, 0.05), ("mean", 80_000.0, 0.5**0.5, 0.2),
+            ("instant", 5_000.0, 0.5**0.5, 0.1), ("instant", 80_000.0, 0.5**0.5, 0.1)):
+        found = actuator_from({**known, "acquisition": {"sampling": sampling}}, "here")
+        assert found.sample_noise(rate) == pytest.approx((2.0 * inside, current, 3e-5 * inside))
+
+
+def test_torque_and_travel_of_the_motor_before_the_surface_moves():
+    found = actuator_from({
+        "motor": {"dynamic_friction": 0.02}, "gear": {"ratio": 200.0},
+        "surface": {"dynamic_friction": 4.0, "static_friction": 6.0},
+        "shaft": {"stiffness": 1e4, "backlash": 4e-4}}, "here")
+    assert found.friction_torque == pytest.approx(0.04)
+    assert found.wind_up == pytest.approx(200.0 * (6e-4 + 4e-4))
 
 
 def test_the_next_command_uses_the_kit_and_the_baseline(second, tmp_path, monkeypatch):

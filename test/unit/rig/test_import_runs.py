@@ -90,9 +90,54 @@ def test_whole_numbers_between_commas_are_no_decimals(tmp_path):
     ("ft/s", "linear speed", 12 * 0.0254), ("1/min", "angular speed", 2 * np.pi / 60),
     ("kgf", "force", 9.80665), ("lbf ft", "torque", 4.4482216152605 * 0.3048),
     ("ozf in", "torque", 4.4482216152605 / 16 * 0.0254), ("h", "time", 3600.0),
+    ("us", "time", 1e-6), ("min", "time", 60.0), ("cm", "length", 0.01), ("in", "length", 0.0254),
+    ("ft", "length", 0.3048), ("deg", "angle", np.pi / 180.0), ("rev", "angle", 2.0 * np.pi),
+    ("mrad", "angle", 1e-3), ("mm/s", "linear speed", 1e-3),
+    ("mm/min", "linear speed", 1e-3 / 60.0), ("m/min", "linear speed", 1.0 / 60.0),
+    ("deg/s", "angular speed", np.pi / 180.0), ("rev/s", "angular speed", 2.0 * np.pi),
+    ("krpm", "angular speed", 2e3 * np.pi / 60.0), ("kV", "voltage", 1e3), ("mA", "current", 1e-3),
+    ("lbf", "force", 0.45359237 * 9.80665), ("kN", "force", 1e3), ("N cm", "torque", 0.01),
+    ("mNm", "torque", 1e-3), ("lbf in", "torque", 4.4482216152605 * 0.0254),
 ])
 def test_units_by_their_definitions(unit, quantity, factor):
     assert unit_factor(unit, quantity, "map") == pytest.approx(factor, rel=1e-9)
+
+
+def test_a_file_without_a_time_is_sampled_at_the_rate_of_its_map(tmp_path):
+    record = imported(written(tmp_path / "a.csv", runs(count=1)), time={"rate": 250.0})
+    np.testing.assert_allclose(record.time, np.arange(50) / 250.0)
+
+
+def test_a_twentieth_of_the_rows_may_lack_a_value_and_no_more(tmp_path):
+    for lost in (3, 4):
+        rows = runs(count=1, length=60)
+        rows[10:10 + lost, 3] = np.nan
+        path = written(tmp_path / f"{lost}.csv", rows)
+        if lost == 3:
+            assert len(imported(path)) == 57
+        else:
+            with pytest.raises(InvalidRecordError, match="4 of 60 rows lack a value"):
+                imported(path)
+
+
+def clocked(path, *words, unit):
+    path.write_text("t,u,q\n" + "\n".join(f"{word},{k},{k}.5" for k, word in enumerate(words)))
+    return imported(path, time={"column": "t", "unit": unit})
+
+
+def test_dates_of_other_zones_are_the_same_moments(tmp_path):
+    """As the clocks of people go back in autumn, a file goes on."""
+    record = clocked(tmp_path / "a.csv", "2024-10-27T02:59:59+02:00", "2024-10-27T02:00:00+01:00",
+                     "2024-10-26T21:30:01-03:30", "2024-10-27T01:00:02Z", unit="iso")
+    np.testing.assert_allclose(record.time, np.arange(4.0))
+
+
+def test_a_clock_goes_on_past_midnight_and_steps_back_nowhere_else(tmp_path):
+    record = clocked(tmp_path / "a.csv", "23:59:58", "23:59:59", "0:00:00", "0:00:01",
+                     unit="h:m:s")
+    np.testing.assert_allclose(np.diff(record.time), 1.0)
+    with pytest.raises(InvalidRecordError, match="does not increase"):
+        clocked(tmp_path / "b.csv", "10:00:02", "10:00:03", "10:00:02.5", "10:00:04", unit="h:m:s")
 
 
 def test_a_test_of_the_actuator_counts_from_its_command_and_is_alone(tmp_path):

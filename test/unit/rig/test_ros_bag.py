@@ -2,6 +2,7 @@
 
 import sqlite3
 import struct
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -149,13 +150,13 @@ def test_a_sqlite_bag_of_before_iron_holds_no_definitions(tmp_path):
     path = bag(tmp_path / "run", StoragePlugin.SQLITE3,
                joints(dynamic, "control_msgs/msg/DynamicJointState", "/dynamic_joint_states"))
     file = next(path.glob("*.db3"))
-    with sqlite3.connect(file) as database:
+    with closing(sqlite3.connect(file)) as database:
         database.execute("DROP TABLE message_definitions")
     check(import_file(file, map_from(guess_map(file, None, "elbow").data, "g")), "input_current")
     path = bag(tmp_path / "own", StoragePlugin.SQLITE3, [
         ("/motor", "maker_msgs/msg/Motor", EPOCH, motor(EPOCH, (1, 2, 3)))])
     file = next(path.glob("*.db3"))
-    with sqlite3.connect(file) as database:
+    with closing(sqlite3.connect(file)) as database:
         database.execute("DROP TABLE message_definitions")
     with pytest.raises(UsageError, match="no definition of 'maker_msgs/msg/Motor'"):
         guess_map(file, "/motor")

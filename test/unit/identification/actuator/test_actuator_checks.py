@@ -36,10 +36,14 @@ CURRENTS = [f"{k}_current_{p}" for k in ("phase", "reference") for p in "abc"]
     ({"part": slice(0, 6000)}, IncompleteRecordError, "ends at 0.30 s"),
     ({"factor": 9.5493, "channels": ["motor_speed"]}, InvalidRecordError, "rpm"),
     ({"factor": 57.296, "channels": ["motor_speed"]}, InvalidRecordError, "deg/s"),
+    ({"factor": 0.159155, "channels": ["motor_speed"]}, InvalidRecordError, "turns/s"),
+    ({"factor": -1.0, "channels": ["motor_speed"]}, InvalidRecordError, "opposite senses"),
     ({"factor": 57.296, "channels": ["surface_position"]}, InvalidRecordError, "degrees"),
     ({"factor": 57.296, "channels": ["rotor_angle"]}, InvalidRecordError, "degrees, expected rad"),
     ({"factor": 1e3, "channels": CURRENTS}, InvalidRecordError, "mA"),
     ({"factor": 1e3, "channels": CURRENTS[:3]}, InvalidRecordError, "mA"),
+    ({"factor": 1e3, "channels": CURRENTS[3:]}, InvalidRecordError, "mA"),
+    ({"factor": 1e-3, "channels": CURRENTS[:3]}, InvalidRecordError, "one of the two is in mA"),
     ({"value": 0.0, "channels": ["phase_current_b"]}, InvalidRecordError, "phase current b"),
     ({"value": 0.0, "channels": ["motor_speed"]}, InvalidRecordError, "motor_speed"),
     ({"value": np.nan, "channels": ["phase_current_b"]}, InvalidRecordError,
@@ -81,9 +85,12 @@ def test_no_excitation_names_the_test_to_run(record):
         identify([simulate(quiet, seed=1)])
 
 
-def test_a_record_of_another_profile_is_refused(record):
-    other = load_profile("step").model_copy(update={
-        "name": "other", "points": ((0.0, 0.4), (0.022, 0.4), (0.022, -0.4), (0.45, -0.4))})
+@pytest.mark.parametrize("points", [
+    ((0.0, 0.4), (0.022, 0.4), (0.022, -0.4), (0.45, -0.4)),
+    ((0.0, -0.4), (0.022, -0.4), (0.022, 0.4), (0.2, 0.4), (0.2, -0.4), (0.45, -0.4))])
+def test_a_record_of_another_profile_is_refused(record, points):
+    """The other way, or there and back."""
+    other = load_profile("step").model_copy(update={"name": "other", "points": points})
     with pytest.raises(InvalidRecordError, match="another profile"):
         identify([replace(record, profile=other)])
 

@@ -33,6 +33,7 @@ from ema_prognostics.cascade.inputs import Inputs, group_inputs, input_names
 from ema_prognostics.cascade.lines import LineFilter
 from ema_prognostics.cascade.model_body import NetworkPart, SeverityPart
 from ema_prognostics.networks.network import Network, logit
+from ema_record.actuator import load_actuator
 
 
 def say(margins: dict[str, float], **probability: float) -> tuple[str, ...]:
@@ -62,10 +63,24 @@ def test_second_fault_must_be_probable_and_of_another_class() -> None:
     assert say(both, motor_friction=0.8, surface_friction=0.9) == ("surface_friction",)
 
 
+def test_no_third_fault_is_named() -> None:
+    found = say({"asymmetry": 1.0, "backlash": 2.0, "motor_friction": 1.0},
+                short_c=0.7, backlash=0.9, motor_friction=0.8)
+    assert found == ("backlash", "motor_friction")
+
+
 @pytest.mark.parametrize(("severity", "level"), [(0.05, "small"), (0.1, "medium"),
                                                  (0.2, "large")])
 def test_levels_of_a_short(severity: float, level: str) -> None:
     assert level_of("turn_short", severity) == level
+
+
+def test_lost_motion_is_counted_in_a_tenth_of_what_the_surface_lags() -> None:
+    nominal = load_actuator()
+    lag = nominal.surface.static_friction / nominal.shaft.stiffness + nominal.shaft.backlash
+    assert scale_of("backlash") == pytest.approx(0.1 * lag) and scale_of("friction") == 1.0
+    levels = [level_of("backlash", part * lag) for part in (0.29, 0.31, 0.99, 1.01)]
+    assert levels == ["small", "medium", "medium", "large"]
 
 
 def test_eccentricity_is_seen_in_the_record_itself_with_a_baseline_too() -> None:
@@ -110,6 +125,15 @@ def test_guard_has_limits_of_its_own_for_what_is_found() -> None:
     assert (known == 1.0).all()
 
 
+def test_what_was_not_measured_is_not_judged() -> None:
+    """It stands at exactly a healthy unit's value, which here is not what is expected."""
+    guard = Guard(
+        drivers=np.array([0]), checked=np.array([1]), signed=np.array([True]),
+        mean=constant(1.0, 1, 1), scale=constant(0.0, 1, 1), limits=())
+    found = guard.residuals(np.array([[0.0, 0.0], [0.0, 1e-9]]))[:, 0]
+    assert found == pytest.approx([0.0, -1.0 / 1.02])
+
+
 def test_limits_grow_beyond_the_conditions_that_were_seen() -> None:
     guard = Guard(
         drivers=np.array([0]), checked=np.array([1]), signed=np.array([True]),
@@ -151,6 +175,8 @@ def test_what_is_found_in_a_record() -> None:
     severity[4, OUTPUTS.index("eccentricity")] = 0.01
     severity[4, OUTPUTS.index("motor_friction")] = 0.6
     assert [KINDS_FOUND[k] for k in kind_found(severity)] == list(KINDS_FOUND)
+    severity[1, OUTPUTS.index("motor_friction")] = 0.0
+    assert KINDS_FOUND[kind_found(severity)[1]] == "slight"
 
 
 def severity_of(u: np.ndarray, names: list[str], **more: list[float]) -> np.ndarray:
@@ -175,6 +201,12 @@ def test_interval_is_wider_beside_another_fault() -> None:
     alone, beside = severity_of(np.zeros((1, 2)), ["noise_speed", "torque_full"])[0]
     assert alone == pytest.approx(0.01 * np.sinh([0.5, 0.3, 0.7]))
     assert beside == pytest.approx(0.01 * np.sinh([0.5, 0.2, 0.8]))
+
+
+def test_interval_stays_between_none_and_twice_what_was_trained_on() -> None:
+    beyond = severity_of(np.zeros((1, 2)), ["noise_speed", "torque_full"],
+                         noise_factors=[90.0, 90.0], noise_knots=[0.0, 1.0])[0, 0]
+    assert beyond == pytest.approx([0.01 * np.sinh(0.5), 0.0, 0.4])
 
 
 @pytest.mark.parametrize("own", [False, True])

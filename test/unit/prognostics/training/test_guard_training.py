@@ -94,6 +94,13 @@ def test_the_recorder_is_a_driver_and_judged_by_itself() -> None:
     assert "reference_sum" in BETTER_IS_LESS
 
 
+def test_what_an_ideal_machine_has_none_of_is_judged_where_no_fault_moves_it() -> None:
+    none_of = ["winding_unlike", "offset_largest", "gain_largest", "reference_spread"]
+    assert not signed(none_of).any()
+    checked = checked_of([*none_of, "winding_like_best", "surface_torque"], "extended")
+    assert checked == none_of
+
+
 @pytest.mark.parametrize("kind", ["step", "extended"])
 def test_features_that_a_drive_does_not_have_are_no_matter(kind: str) -> None:
     names = ["torque_full", "speed_full", "temperature", "inertia"]
