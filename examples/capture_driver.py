@@ -6,6 +6,7 @@ that its own tool writes after the move. `driver.py` does the rest. Parameters: 
 file; `pace`, how much faster than they were taken samples are published, 0: at once.
 """
 import math
+import signal
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -94,6 +95,7 @@ class CaptureHardware:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # rclpy ends the spin, no interrupt within it
     rclpy.init()
-    with suppress(KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
+    with suppress(rclpy.executors.ExternalShutdownException):
         rclpy.spin(Driver(CaptureHardware))

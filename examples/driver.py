@@ -1,5 +1,6 @@
 """A driver of an actuator, written against docs/driver.md; `Hardware` stands for the drive."""
 import array
+import signal
 import time
 from contextlib import suppress
 
@@ -94,6 +95,7 @@ def nanoseconds(stamp):
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # rclpy ends the spin, no interrupt within it
     rclpy.init()
-    with suppress(KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
+    with suppress(rclpy.executors.ExternalShutdownException):
         rclpy.spin(Driver())
