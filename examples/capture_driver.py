@@ -88,10 +88,8 @@ class CaptureHardware:
         samples = RotorFrame(self.actuator).samples(
             drive["time"], drive["speed"], drive["i_q"], d=drive["i_d"], angle=drive["angle"],
             reference_q=drive["ref_q"], reference_d=drive["ref_d"], position=drive["position"])
-        columns = recorded_columns(samples)
-        self.first = samples[0, 0]
-        return [(label_of(columns), samples[first:first + BLOCK, columns])
-                for first in range(0, len(samples), BLOCK)]
+        own, self.first = recorded_columns(samples), samples[0, 0]
+        return [(label_of(own), samples[k:k + BLOCK, own]) for k in range(0, len(samples), BLOCK)]
 
 
 if __name__ == "__main__":
