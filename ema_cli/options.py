@@ -111,7 +111,7 @@ def with_common(command: Callable[..., object]) -> Callable[..., object]:
         with _in_force(common):
             return command(*args, **options)
 
-    hints = typing.get_type_hints(command, include_extras=True)
+    hints = inspect.get_annotations(command, eval_str=True)  # no Optional about it, as 3.10 puts
     parameters = [p.replace(annotation=hints[p.name]) for p in signature.parameters.values()]
     own = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=kind,
