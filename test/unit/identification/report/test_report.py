@@ -240,7 +240,7 @@ def test_a_logarithmic_axis_has_plain_numbers(monkeypatch, ends):
                            curves=(curve,), log_y=True))
     (figure,) = figures
     figure.draw_without_rendering()
-    labels = [t.get_text() for minor in (False, True)
+    labels = [t.get_text().replace("\N{MINUS SIGN}", "-") for minor in (False, True)
               for t in figure.axes[0].yaxis.get_ticklabels(minor=minor) if t.get_text()]
     assert len(labels) >= 3
     assert all(f"{float(label):g}" == label for label in labels)
