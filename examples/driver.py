@@ -6,10 +6,9 @@ from contextlib import suppress
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from hardware import Hardware
+from hardware import Hardware, nanoseconds
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
-from rclpy.time import Time
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool, Float64MultiArray, Header, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory
@@ -31,7 +30,7 @@ class Driver(Node):
         self.create_subscription(JointTrajectory, "ema/command", self.pending.append, 10)
         self.create_subscription(Bool, "/aircraft/weight_on_wheels", self.on_wheels, latched)
         self.create_subscription(Header, "ema/deadman", lambda message: self.signs.update(
-            {Time.from_msg(message.stamp).nanoseconds: time.monotonic()}), 10)
+            {nanoseconds(message.stamp): time.monotonic()}), 10)
         self.create_timer(0.005, self.tick)
         self.create_timer(0.1, self.report)
 
@@ -52,20 +51,19 @@ class Driver(Node):
     def accept(self, message):
         idle, joint = not self.hardware.active, message.joint_names.index("surface")
         refused = self.off_wheels() or self.hardware.move(  # it knows its end stops and speed
-            [(p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec, p.positions[joint])
-             for p in message.points])
+            [(1e-9 * nanoseconds(p.time_from_start), p.positions[joint]) for p in message.points])
         if refused:
             return self.report((WARN, f"command refused: {refused}"))
         if idle:
             self.start, self.done = self.get_clock().now().nanoseconds, 0
-        self.stamp, self.signs = Time.from_msg(message.header.stamp).nanoseconds, {}
+        self.stamp, self.signs = nanoseconds(message.header.stamp), {}
         return self.report((OK, "command accepted"))
 
     def tick(self):
         if self.pending:  # until all readers of the samples are matched
-            age = self.get_clock().now() - Time.from_msg(self.pending[0].header.stamp)
+            age = self.get_clock().now().nanoseconds - nanoseconds(self.pending[0].header.stamp)
             readers = self.count_subscribers("ema/samples")
-            if self.samples.get_subscription_count() >= readers or age.nanoseconds > 1e9 * LIMIT:
+            if self.samples.get_subscription_count() >= readers or age > 1e9 * LIMIT:
                 self.accept(self.pending.pop(0))
         self.stop_if_unsafe()
         active = self.hardware.active

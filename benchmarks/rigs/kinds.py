@@ -94,13 +94,13 @@ COUNTS = (2000, 4096, 8192)
 """Of an encoder, a turn; of a linear axis, in the stroke."""
 
 
-def _in_gap(rig: Rig, motion: Motion) -> np.ndarray:
-    """Return where the drive stands in a gap that it crosses after each reversal."""
+def _in_gap(rig: Rig, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the drive stands in a gap crossed after each reversal, and when it crosses."""
     width, state = 0.03 * rig.stroke, np.zeros_like(motion.position)
     for k in range(1, len(state)):
         way = state[k - 1] + motion.position[k] - motion.position[k - 1]
         state[k] = min(width, max(-width, way))
-    return state
+    return state, np.abs(state) < width * (1 - 1e-9)
 
 
 def _stops(rig: Rig, motion: Motion) -> np.ndarray:
@@ -114,8 +114,7 @@ def _let_go(rig: Rig, motion: Motion, _plain: np.ndarray, size: float) -> np.nda
 
     The load rests in the gap and gets its momentum back in one blow at the far side.
     """
-    state, step = _in_gap(rig, motion), motion.time[1] - motion.time[0]
-    crossing = np.abs(state) < 0.03 * rig.stroke * (1 - 1e-9)
+    (state, crossing), step = _in_gap(rig, motion), motion.time[1] - motion.time[0]
     behind = np.gradient(np.gradient(state, step), step)
     return np.sign(motion.speed) * ~crossing - 0.5 * rig.inertia * behind / (0.4 * size)
 

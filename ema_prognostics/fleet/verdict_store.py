@@ -63,15 +63,16 @@ class VerdictStore:
 
     @staticmethod
     def _open(path: Path) -> sqlite3.Connection:
-        with contextlib.suppress(OSError, sqlite3.Error), contextlib.ExitStack() as unless_good:
+        base = None
+        try:
             path.parent.mkdir(parents=True, exist_ok=True)
             base = sqlite3.connect(path, timeout=WAIT)
-            unless_good.callback(base.close)
             base.executescript(_TABLES)
-            unless_good.pop_all()
-            return base
-        base = sqlite3.connect(":memory:")
-        base.executescript(_TABLES)
+        except (OSError, sqlite3.Error):
+            if base is not None:
+                base.close()
+            base = sqlite3.connect(":memory:")
+            base.executescript(_TABLES)
         return base
 
     def _rows(self, query: str, *values: str) -> list[tuple[str, str]]:
