@@ -6,7 +6,6 @@ that its own tool writes after the move. `driver.py` does the rest. Parameters: 
 file; `pace`, how much faster than they were taken samples are published, 0: at once.
 """
 import math
-import signal
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -88,12 +87,13 @@ class CaptureHardware:
         samples = RotorFrame(self.actuator).samples(
             drive["time"], drive["speed"], drive["i_q"], d=drive["i_d"], angle=drive["angle"],
             reference_q=drive["ref_q"], reference_d=drive["ref_d"], position=drive["position"])
-        own, self.first = recorded_columns(samples), samples[0, 0]
-        return [(label_of(own), samples[k:k + BLOCK, own]) for k in range(0, len(samples), BLOCK)]
+        columns = recorded_columns(samples)
+        self.first = samples[0, 0]
+        return [(label_of(columns), samples[first:first + BLOCK, columns])
+                for first in range(0, len(samples), BLOCK)]
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # rclpy ends the spin, no interrupt within it
     rclpy.init()
-    with suppress(rclpy.executors.ExternalShutdownException):
+    with suppress(KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
         rclpy.spin(Driver(CaptureHardware))

@@ -1,12 +1,11 @@
 """A driver of an actuator, written against docs/driver.md; `Hardware` stands for the drive."""
 import array
-import signal
 import time
 from contextlib import suppress
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from hardware import Hardware, nanoseconds
+from hardware import Hardware
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
@@ -90,8 +89,11 @@ class Driver(Node):
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])]))
 
 
+def nanoseconds(stamp):
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # rclpy ends the spin, no interrupt within it
     rclpy.init()
-    with suppress(rclpy.executors.ExternalShutdownException):
+    with suppress(KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
         rclpy.spin(Driver())

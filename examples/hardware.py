@@ -9,10 +9,6 @@ from ema_sim.session import ActuatorSession
 BLOCK, OFF, STEP = 400, 0.02, 2e-9  # samples; s; points that are nearer are a step
 
 
-def nanoseconds(stamp):
-    return stamp.sec * 10**9 + stamp.nanosec
-
-
 def way(points, at, actuator):
     """Return the points (s, rad) of a command, and what forbids them; at: of the surface (rad)."""
     if len(points) == 1:  # be there, as fast as it can
