@@ -8,11 +8,12 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NoReturn
 
 from ema_cli.console import WRONG_USE, error_line
 from ema_record.errors import EmaError
+from ema_ros.process import InterruptionError
 
 INTERNAL_ERROR = 70
 INTERRUPTED = 128 + signal.SIGINT
@@ -33,7 +34,39 @@ def end_quietly() -> None:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough
         raise TerminatedError
 
+    def interrupt(*_: object) -> None:
+        raise InterruptionError
+
     signal.signal(signal.SIGTERM, end)
+    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:  # a job in the background
+        signal.signal(signal.SIGINT, interrupt)
+
+
+@contextlib.contextmanager
+def held_signals() -> Iterator[Callable[[], None]]:
+    """Hold SIGINT, SIGTERM and SIGHUP back; yield what raises the first that has come, if any.
+
+    They tear apart neither a call of the middleware, nor the start of a process, nor the loading
+    of a module, which make other errors of them. What has come by the end is raised there:
+    TerminatedError after SIGTERM, else KeyboardInterrupt.
+    """
+    come: list[int] = []
+
+    def check() -> None:
+        if come:
+            raise TerminatedError if come[0] == signal.SIGTERM else InterruptionError
+
+    before = {number: signal.getsignal(number)
+              for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    heard = [number for number, handler in before.items() if handler != signal.SIG_IGN]
+    for number in heard:
+        signal.signal(number, lambda number, _: come.append(number))
+    try:
+        yield check
+    finally:
+        for number in heard:
+            signal.signal(number, before[number])
+    check()
 
 
 def guarded(command: Callable[[], int]) -> int:

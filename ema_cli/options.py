@@ -9,6 +9,7 @@ import contextlib
 import functools
 import inspect
 import os
+import signal
 import typing
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -109,6 +110,7 @@ def with_common(command: Callable[..., object]) -> Callable[..., object]:
     def run(*args: object, **options: object) -> object:
         common = {name: options.pop(name, None) for name in added}
         with _in_force(common):
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGTERM))
             return command(*args, **options)
 
     hints = inspect.get_annotations(command, eval_str=True)  # no Optional about it, as 3.10 puts

@@ -90,12 +90,14 @@ class Chain:
     supervisor : has started the nodes.
     note : takes a line for the user.
     with_drivers : the actuators are those of drivers, not of our simulator.
+    check : is called all the time, between calls of the middleware; may raise what ends the test.
     """
 
     def __init__(
-        self, supervisor: Supervisor, note: Callable[[str], None], *, with_drivers: bool = False
+        self, supervisor: Supervisor, note: Callable[[str], None], *, with_drivers: bool = False,
+        check: Callable[[], object] = lambda: None,
     ) -> None:
-        self._supervisor, self._note = supervisor, note
+        self._supervisor, self._note, self._check = supervisor, note, check
         self._with_drivers = with_drivers
         self._nodes: dict[str, AircraftNode] = {}
 
@@ -139,6 +141,7 @@ class Chain:
 
     def _spin(self) -> None:
         """Do what is due of all nodes, and look whether the processes are alive."""
+        self._check()
         next(iter(self._nodes.values())).spin(SPIN)
         for namespace, node in self._nodes.items():
             node.poll()

@@ -55,6 +55,14 @@ def prepare_environment() -> None:
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
 
 
+class InterruptionError(KeyboardInterrupt):
+    """The process is to end; of a type of its own.
+
+    After a plain KeyboardInterrupt in code that is made of text, as that of a dataclass, Python's
+    ``-m`` ends by SIGINT, whatever became of it.
+    """
+
+
 class StopSignal:
     """Set by SIGINT or SIGTERM.
 
@@ -77,7 +85,7 @@ class StopSignal:
     def _handle(self, number: int, _: FrameType | None) -> None:
         self.number = number
         if not self.gentle:
-            raise KeyboardInterrupt
+            raise InterruptionError
 
 
 def end_with_parent() -> None:
@@ -149,6 +157,8 @@ def run_node(ros: Any, make_node: Callable[[StopSignal], Any]) -> int:
         end_with_parent()
         ros.init(signal_handler_options=ros.signals.SignalHandlerOptions.NO)
     except (UsageError, RuntimeError, ValueError) as error:  # domain, arguments of the library
+        if stop:
+            return 0
         report(f"error: {(str(error).splitlines() or [''])[0]}")
         return 2
     except KeyboardInterrupt:
@@ -176,6 +186,10 @@ def run_node(ros: Any, make_node: Callable[[StopSignal], Any]) -> int:
     except EmaError as error:
         report(f"error: {error}")
         return error.exit_status
+    except Exception:
+        if stop and not stop.gentle:  # the library made it of the interruption of a call
+            return 0
+        raise
     finally:
         bound_the_end()
         if node is not None:

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from ema_record.errors import EmaError, UsageError
@@ -118,10 +118,12 @@ class Supervisor:
         return errors[-1].removeprefix("error: ") if errors else "".join(lines[-1:])[:200]
 
     def ask_to_end(self) -> None:
-        """Ask all nodes to end, and do not wait."""
-        for process in self._nodes.values():
-            if process.poll() is None:
-                process.send_signal(signal.SIGINT)
+        """Ask all nodes to end, and do not wait.
+
+        By SIGTERM, which ends one that still loads its modules without a word; SIGINT is a
+        traceback there.
+        """
+        _ask_to_end(self._nodes.values())
 
     def wait_for(self, module: str) -> None:
         """Wait until the nodes of a module have ended, as long as a gentle stop may take."""
@@ -136,9 +138,7 @@ class Supervisor:
                  if self._started[name][0] in first}
         try:
             for group in (early, self._nodes):
-                for process in group.values():
-                    if process.poll() is None:
-                        process.send_signal(signal.SIGINT)
+                _ask_to_end(group.values())
                 deadline = time.monotonic() + GENTLE_STOP
                 for process in group.values():
                     with contextlib.suppress(subprocess.TimeoutExpired):
@@ -148,3 +148,9 @@ class Supervisor:
                 with contextlib.suppress(ProcessLookupError, PermissionError):
                     os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
+
+
+def _ask_to_end(processes: Iterable[subprocess.Popen[bytes]]) -> None:
+    for process in processes:
+        if process.poll() is None:
+            process.terminate()

@@ -7,14 +7,12 @@ file; `pace`, how much faster than they were taken samples are published, 0: at 
 """
 import math
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-import rclpy
 from builtin_interfaces.msg import Duration
 from driver import Driver
-from hardware import BLOCK, way
+from hardware import BLOCK, run, way
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -94,6 +92,4 @@ class CaptureHardware:
 
 
 if __name__ == "__main__":
-    rclpy.init()
-    with suppress(KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
-        rclpy.spin(Driver(CaptureHardware))
+    run(lambda: Driver(CaptureHardware))

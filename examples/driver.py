@@ -1,11 +1,9 @@
 """A driver of an actuator, written against docs/driver.md; `Hardware` stands for the drive."""
 import array
 import time
-from contextlib import suppress
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from hardware import Hardware
+from hardware import Hardware, nanoseconds, run
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
@@ -89,11 +87,5 @@ class Driver(Node):
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])]))
 
 
-def nanoseconds(stamp):
-    return stamp.sec * 10**9 + stamp.nanosec
-
-
 if __name__ == "__main__":
-    rclpy.init()
-    with suppress(KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
-        rclpy.spin(Driver())
+    run(Driver)

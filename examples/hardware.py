@@ -1,5 +1,13 @@
-"""What stands for the drive in driver.py: an emulated one that streams while it moves."""
+"""What stands for the drive in driver.py: an emulated one that streams while it moves.
+
+And what drivers share: their times, and the life of their process.
+"""
+import signal
 import time
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
 
 from ema_record.actuator import load_actuator
 from ema_record.channels import CHANNEL_LABEL
@@ -22,6 +30,28 @@ def way(points, at, actuator):
         if t1 - t0 > STEP and abs(p1 - p0) > fastest * (t1 - t0):
             return points, f"{abs(p1 - p0) / (t1 - t0):.3g} rad/s, at most {fastest:.3g} rad/s"
     return points, ""
+
+
+def nanoseconds(stamp):
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
+def run(make_node):
+    """Run a node until SIGINT or SIGTERM; its callbacks and the middleware are not torn apart.
+
+    A handler that raises, or shuts the context down as rclpy's own does, becomes an error of
+    whatever call it meets.
+    """
+    asked = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: asked.append(number))
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    executor = SingleThreadedExecutor()
+    executor.add_node(make_node())
+    while not asked:
+        executor.spin_once(timeout_sec=0.1)
+    executor.shutdown()
+    rclpy.shutdown()
 
 
 class Hardware(ActuatorSession):

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import signal
 import time
-from collections.abc import Iterator
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ema_cli.console import note, print_json, progress, speech, stdout, styled
-from ema_cli.ending import TerminatedError
+from ema_cli.ending import held_signals
 from ema_cli.lines import TextLine, print_lines
 from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber, given_once
 from ema_cli.views.verdict import print_verdict
@@ -77,35 +75,36 @@ def bit(
 
     Example: `ema bit --effect turn_short.fraction=0.1 --effect turn_short.phase=b`
     """
-    from ema_monitor.chain import Chain, NoVerdictError
-    from ema_record.actuator import load_actuator
-    from ema_record.profile import load_profile
-    from ema_record.wire.topics import checked_namespace
-    from ema_ros.domain import enter_domain, private_domain, use_fast_discovery
-    from ema_ros.supervisor import Supervisor
-
-    chosen = load_profile(profile)
-    chosen.check_within(load_actuator(model).surface.end_stop)
-    model_file = str(model.resolve()) if model is not None else ""
-    names = [name.strip() for name in actuators.split(",")] if actuators is not None else [""]
-    namespaces = [checked_namespace(name) for name in names]
-    if len(set(namespaces)) < len(namespaces) or (actuators is not None and "" in namespaces):
-        raise UsageError(f"--actuators {actuators}: give each name once, separated by commas")
-    simulators = _simulators(namespaces, effect or [], {
-        "model_file": model_file, "seed": seed, "noise": noise, "serial_number": serial_number,
-        "real_time_factor": real_time_factor,
-    }, wanted=not no_simulator)
-    serial = "" if len(namespaces) > 1 or (no_simulator and serial_number == SIMULATED) else (
-        serial_number)
-    timeout = LEAST_TIMEOUT + (chosen.duration / real_time_factor if real_time_factor else 0.0)
-    if timeout > MOST_TIMEOUT:
-        raise UsageError(f"--real-time-factor {real_time_factor:g}: the test would take "
-                         f"{timeout:.3g} s, at most {MOST_TIMEOUT:g}: give a larger one")
-    log = new_log(out)
-    before = set(out.iterdir())
-    begin = time.monotonic()
     with contextlib.ExitStack() as stack:
-        stack.enter_context(ended_by_signals())
+        check_signals = stack.enter_context(held_signals())
+        from ema_monitor.chain import Chain, NoVerdictError
+        from ema_record.actuator import load_actuator
+        from ema_record.profile import load_profile
+        from ema_record.wire.topics import checked_namespace
+        from ema_ros.domain import enter_domain, private_domain, use_fast_discovery
+        from ema_ros.supervisor import Supervisor
+
+        chosen = load_profile(profile)
+        chosen.check_within(load_actuator(model).surface.end_stop)
+        model_file = str(model.resolve()) if model is not None else ""
+        names = [name.strip() for name in actuators.split(",")] if actuators is not None else [""]
+        namespaces = [checked_namespace(name) for name in names]
+        if len(set(namespaces)) < len(namespaces) or (actuators is not None and "" in namespaces):
+            raise UsageError(f"--actuators {actuators}: give each name once, separated by commas")
+        simulators = _simulators(namespaces, effect or [], {
+            "model_file": model_file, "seed": seed, "noise": noise, "serial_number": serial_number,
+            "real_time_factor": real_time_factor,
+        }, wanted=not no_simulator)
+        serial = "" if len(namespaces) > 1 or (no_simulator and serial_number == SIMULATED) else (
+            serial_number)
+        timeout = LEAST_TIMEOUT + (chosen.duration / real_time_factor if real_time_factor else 0.0)
+        if timeout > MOST_TIMEOUT:
+            raise UsageError(f"--real-time-factor {real_time_factor:g}: the test would take "
+                             f"{timeout:.3g} s, at most {MOST_TIMEOUT:g}: give a larger one")
+        check_signals()
+        log = new_log(out)
+        before = set(out.iterdir())
+        begin = time.monotonic()
         if no_simulator:
             use_fast_discovery(domain)
         else:  # a free domain, on this host alone
@@ -119,7 +118,7 @@ def bit(
                 "profile": profile, "model_file": model_file, "output_directory": str(out),
                 "serial_number": serial, "test_timeout": timeout,
             }, namespace)
-        chain = Chain(supervisor, note, with_drivers=no_simulator)
+        chain = Chain(supervisor, note, with_drivers=no_simulator, check=check_signals)
         try:
             results = chain.run(namespaces, side_by_side, chosen.duration, real_time_factor,
                                 progress, _load_report)
@@ -131,6 +130,7 @@ def bit(
         supervisor.ask_to_end()
         supervisor.wait_for(MONITOR)  # the verdict is in the record; the others may still end
         for result in results:
+            check_signals()
             result["reports"] = []
             try:
                 if result["verdict"] is not None:
@@ -239,22 +239,6 @@ def new_log(out: Path) -> Path:
     except OSError as error:
         raise cannot_write(out, error) from None
     return log
-
-
-@contextlib.contextmanager
-def ended_by_signals() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP end the test as Ctrl-C does, SIGTERM with its own status."""
-
-    def interrupt(number: int, _: object) -> None:
-        raise TerminatedError if number == signal.SIGTERM else KeyboardInterrupt
-
-    numbers = (signal.SIGTERM, signal.SIGHUP)
-    before = [signal.signal(number, interrupt) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, before):
-            signal.signal(number, handler)
 
 
 def _load_report() -> None:

@@ -10,15 +10,16 @@ read out after the move: into the file of the parameter ``buffer``.
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import rclpy
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
@@ -125,9 +126,16 @@ class Controller(Node):
 
 def main() -> None:
     """Run the controller until the process is ended."""
-    rclpy.init(args=sys.argv)
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.spin(Controller())
+    asked = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: asked.append(number))
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    executor = SingleThreadedExecutor()
+    executor.add_node(Controller())
+    while not asked:
+        executor.spin_once(timeout_sec=0.1)
+    executor.shutdown()
+    rclpy.shutdown()
 
 
 if __name__ == "__main__":

@@ -1,10 +1,12 @@
 """Real nodes as processes, and a node in the test's own process to watch them."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
 
@@ -24,6 +26,17 @@ from ema_ros.messages import (
 
 START_TIMEOUT = 180.0
 """The first simulator of a test run may have to compile (s)."""
+
+
+def wait_until_it_listens(process):
+    """Wait until a process has taken over SIGTERM; Python itself ends by it as it starts."""
+    deadline = time.monotonic() + START_TIMEOUT
+    caught = 0
+    while not caught >> (signal.SIGTERM - 1) & 1:
+        assert process.poll() is None and time.monotonic() < deadline
+        time.sleep(0.005)
+        status = Path(f"/proc/{process.pid}/status").read_text(encoding="ascii")
+        caught = int(re.search(r"SigCgt:\s+(\w+)", status)[1], 16)
 
 
 def ema(*arguments, timeout=240.0):

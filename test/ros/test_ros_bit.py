@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 from mcap.reader import make_reader
-from ros_processes import PROGNOSTICS, SIMULATOR, ema
+from ros_processes import PROGNOSTICS, SIMULATOR, ema, wait_until_it_listens
 
 from ema_record.bag.read import read_bag
 from ema_record.wire.topics import VERDICT
@@ -188,6 +188,29 @@ def test_an_interrupted_test_leaves_a_marked_record_and_no_process(tmp_path, num
     assert len(record) > 0
     assert str(path) in errors
     assert [c for c in children if c.is_running() and c.status() != psutil.STATUS_ZOMBIE] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "line"), [
+    (signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")])
+def test_a_test_that_is_interrupted_as_it_starts_says_so_and_nothing_else(
+    tmp_path, number, line
+):
+    """While it loads, while it starts the nodes, while these load."""
+    for wait in (0.0, 0.1, 0.2, 0.4, 0.7, 1.0, 1.3, 1.6, 2.0):
+        out = tmp_path / str(wait)
+        process = subprocess.Popen(
+            [sys.executable, "-m", "ema_cli", "bit", "--out", str(out)],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+        wait_until_it_listens(process)
+        time.sleep(wait)
+        children = psutil.Process(process.pid).children(recursive=True)
+        os.killpg(process.pid, number)
+        _, errors = process.communicate(timeout=60.0)
+        said = [told for told in errors.splitlines() if "record kept" not in told]
+        assert (process.returncode, said) == (128 + number, [f"ema: {line}"]), wait
+        assert "Traceback" not in "".join(path.read_text() for path in out.glob("*.log")), wait
+        assert [c for c in children if c.is_running()] == []
 
 
 def child_named(children, name):

@@ -5,12 +5,13 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
-from ros_processes import ema
+from ros_processes import ema, wait_until_it_listens
 
 from ema_record.bag.container import read_content
 from ema_record.bag.read import read_bag
@@ -123,6 +124,23 @@ def test_an_upload_faster_or_slower_than_the_move_is_whole(capture, tmp_path, pa
     assert took < 0.43 if pace > 1.0 else took > 0.8 * 0.43 / pace
     found = {(finding.rule, finding.channel) for finding in lint_bag(bag).findings}
     assert found == {("missing_topic", DC_BUS), ("missing_topic", WINDING_TEMPERATURE)}
+
+
+@pytest.mark.parametrize("path", ["examples/driver.py", "examples/capture_driver.py"])
+def test_a_driver_ends_without_a_word_whenever_it_is_asked_to(
+    ros_domain, repository, tmp_path, path
+):
+    """While it is made, while it publishes."""
+    for wait in (0.0, 0.1, 0.3, 0.8):
+        for number in (signal.SIGINT, signal.SIGTERM):
+            started = subprocess.Popen(
+                [sys.executable, repository / path], stderr=subprocess.PIPE, text=True,
+                cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(repository)})
+            wait_until_it_listens(started)
+            time.sleep(wait)
+            started.send_signal(number)
+            _, errors = started.communicate(timeout=60.0)
+            assert (started.returncode, errors) == (0, ""), (wait, number)
 
 
 def test_conformance_without_a_driver_says_so(ros_domain):

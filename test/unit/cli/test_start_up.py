@@ -1,6 +1,7 @@
 """What a command that simulates nothing does not load: it would take longer than its work."""
 
 import json
+import signal
 import subprocess
 import sys
 from types import ModuleType
@@ -44,3 +45,18 @@ def test_interrupted_while_modules_are_loaded_is_one_line(monkeypatch, capsys):
     with pytest.raises(SystemExit) as left:
         __main__.main()
     assert (left.value.code, capsys.readouterr().err) == (130, "ema: interrupted\n")
+
+
+@pytest.mark.parametrize("module", ["typer", "ema_cli.commands.effects"])
+@pytest.mark.parametrize(("number", "line"), [
+    (signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")])
+def test_a_signal_while_modules_are_loaded_is_one_line_with_its_status(
+    number, line, module
+):
+    code = ("import os, sys\nclass Finder:\n    def find_spec(self, name, *_):\n"
+            f"        if name == MODULE: os.kill(os.getpid(), {int(number)})\n"
+            "sys.meta_path.insert(0, Finder())\nfrom ema_cli.__main__ import main\n"
+            "sys.argv[1:] = ['effects']\nmain()").replace("MODULE", repr(module))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
+                          check=False, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (128 + number, "", f"ema: {line}\n")

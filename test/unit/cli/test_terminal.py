@@ -187,6 +187,36 @@ def test_sigterm_ends_quietly_with_its_own_status():
         128 + signal.SIGTERM, "", "ema: terminated\n")
 
 
+def test_ctrl_c_in_code_made_of_text_has_its_status_too(tmp_path):
+    """Python's ``-m`` ended by SIGINT where it met the making of a dataclass."""
+    (tmp_path / "made.py").write_text(
+        "from ema_cli import ending\nending.end_quietly()\n"
+        "code = 'import os, signal; os.kill(os.getpid(), signal.SIGINT); signal.pause()'\n"
+        "ending.leave(ending.guarded(lambda: exec(code)))")
+    done = subprocess.run([sys.executable, "-m", "made"], capture_output=True, text=True,
+                          check=False, timeout=60, cwd=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (
+        128 + signal.SIGINT, "", "ema: interrupted\n")
+
+
+@pytest.mark.parametrize(("number", "line"), [
+    (signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated"),
+    (signal.SIGHUP, "interrupted")])
+def test_a_signal_is_held_back_until_it_is_asked_for(number, line):
+    code = ("import os, signal, sys\nfrom ema_cli import ending\nending.end_quietly()\n"
+            "def work():\n    with ending.held_signals() as check:\n"
+            "        check()\n"
+            f"        os.kill(os.getpid(), {int(number)})\n        print('whole', flush=True)\n"
+            "        CHECK\n    print('after')\n"
+            "ending.leave(ending.guarded(work))")
+    for last in ("check(); print('checked')", "pass"):
+        done = subprocess.run([sys.executable, "-c", code.replace("CHECK", last)], check=False,
+                              capture_output=True, text=True, timeout=60)
+        status = 143 if number == signal.SIGTERM else 130
+        assert (done.returncode, done.stdout, done.stderr) == (
+            status, "whole\n", f"ema: {line}\n")
+
+
 @pytest.mark.parametrize("encoding", ["latin-1", "ascii", "utf-8"])
 def test_json_is_json_in_any_encoding(encoding):
     code = "from ema_cli.console import print_json; print_json({'unit': 'H\u00f6henruder \u2192'})"

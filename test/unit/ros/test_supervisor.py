@@ -25,6 +25,7 @@ def modules(tmp_path, monkeypatch):
     (folder / "stubborn.py").write_text(
         "import signal, time, sys\n"
         "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        "signal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
         "print('up', file=sys.stderr, flush=True)\n"
         "time.sleep(60)\n"
     )
@@ -64,7 +65,9 @@ def test_a_process_that_ignores_the_request_is_killed(modules, tmp_path, monkeyp
 def test_nodes_are_asked_to_end_and_one_kind_is_waited_for(modules, tmp_path, monkeypatch):
     monkeypatch.setattr("ema_ros.supervisor.GENTLE_STOP", 1.0)
     (modules / "gentle.py").write_text(
-        "import time, sys\nprint('up', file=sys.stderr, flush=True)\n"
+        "import signal, time, sys\n"
+        "signal.signal(signal.SIGTERM, signal.default_int_handler)\n"
+        "print('up', file=sys.stderr, flush=True)\n"
         "try:\n    time.sleep(60)\n"
         "except KeyboardInterrupt:\n    print('ended', file=sys.stderr)\n"
     )
@@ -79,6 +82,18 @@ def test_nodes_are_asked_to_end_and_one_kind_is_waited_for(modules, tmp_path, mo
         assert not gentle.is_running()
         assert stubborn.is_running()
     assert not stubborn.is_running()
+
+
+def test_a_node_that_still_loads_ends_without_a_word(modules, tmp_path):
+    """Before it listens to signals."""
+    (modules / "loading.py").write_text(
+        "import time, sys\nprint('up', file=sys.stderr, flush=True)\ntime.sleep(60)\n")
+    with Supervisor(tmp_path / "log") as supervisor:
+        supervisor.start("loading", {})
+        wait_for(lambda: "up" in (tmp_path / "log").read_text())
+        begin = time.monotonic()
+    assert time.monotonic() - begin < 2.0
+    assert (tmp_path / "log").read_text() == "up\n"
 
 
 def test_wrong_use_of_a_node_is_wrong_use(modules, tmp_path):
