@@ -28,8 +28,6 @@ these, of what the one before leaves: with so few runs, slopes over twice it dro
 LAW_SPREAD, FAR = 1.0 / WIDER, 10.0
 """Spread of the first round about a law, so that it is wide by the law's own size; in itself where
 the library does not know the coordinate. Beyond so many of it the law is not expected."""
-STRETCH = 1.13
-"""Nine in ten of 316 values of panels 23 to 27 were within (split conformal: Lei et al. 2018)."""
 SOLUTIONS, BEYOND = 4, 1.645
 """Steps in which what is far off loses weight; deviations from which information is no noise."""
 
@@ -51,8 +49,7 @@ def measured(unit: TestedUnit, fit: LawFit) -> tuple[Posterior, np.ndarray]:
     rounds = list(islice(linearised(unit, fit), INTERVAL_ROUNDS))
     if not rounds:  # beside what the simulator can do
         return posterior_of(unit, fit), fit.slopes
-    known = rounds[-1].known
-    return known._replace(covariance=STRETCH**2 * known.covariance), rounds[-1].slopes
+    return rounds[-1].known, rounds[-1].slopes
 
 
 def p_sizes(known: Posterior, fit: LawFit) -> tuple[float, ...]:
@@ -170,10 +167,10 @@ def _solved(
 ) -> tuple[Posterior, np.ndarray]:
     """Return where planes through `runs` (points, features) meet the records, how surely, slopes.
 
-    The noise of the slopes, new to the weights, is taken off the information (errors in variables
-    with a variance that is known: Fuller, Measurement Error Models, 1987, section 2.2); what is
-    left within what that noise varies by (`BEYOND`) is none. The runs' own scatter, whatever it
-    was weighed by, and what the record is off beyond a run are the noise of the result.
+    The noise of the slopes, new to the weights, is taken off information and pull (errors in
+    variables with a variance that is known: Fuller, Measurement Error Models, 1987, section 2.2);
+    what is left within what that noise varies by (`BEYOND`) is none. The runs' own scatter,
+    whatever it was weighed by, and what the record is off beyond a run are the result's noise.
     """
     (points, rows), (low, high), (centre, weight) = runs, ends, expected
     about, free = points.mean(axis=0), len(x) - len(unit.centre)
@@ -184,7 +181,7 @@ def _solved(
         found = [(p, *p.weighed(x - about, bend)) for p in planes]
         known = sum(p.slopes.T @ weighed for p, _, weighed, _ in found)
         noise, doubt = np.sum([s[:, None, None] * p.design[1:, 1:] for p, _, _, s in found], 0)
-        pull = sum(weighed.T @ left for _, left, weighed, _ in found)
+        pull = sum(weighed.T @ left for _, left, weighed, _ in found) + noise @ (x - about)
         size = np.sqrt(np.append(np.diag(known)[:free], unit.weight))
         values, vectors = np.linalg.eigh((known - noise) / np.outer(size, size))
         sure = values > np.maximum(1e-9, BEYOND * np.einsum(

@@ -199,13 +199,17 @@ class Models:
         return self._ordered(found)
 
     def compared(self, fits: Sequence[LawFit]) -> list[LawFit]:
-        """Return the fits, the next ones also begun beside the numbers that the best has found."""
+        """Return the fits, the next ones also begun beside the numbers that the best has found.
+
+        Other variants of the best law once: they are another way to the same name.
+        """
         best, found = None, self._ordered(fits)
-        for _ in range(LARGEST_SET):
+        for k in range(LARGEST_SET):
             if not found or found[0] is best:
                 break
             best, *rest = found
-            rivals = [self._also_beside(f, best) for f in rest[:LARGEST_SET]]
+            rivals = [f if k and f.names == best.names else self._also_beside(f, best)
+                      for f in rest[:LARGEST_SET]]
             if any(end is not f for end, f in zip(rivals, rest)):
                 best = min(best, self.refitted(best), key=lambda f: f.cost)
             found = self._ordered([best, *rivals, *rest[LARGEST_SET:]])

@@ -122,7 +122,8 @@ def _largest_gain(
     own_columns = columns[:, least]
     whole = own_columns.T @ own_columns - across[:, least].T @ np.linalg.solve(
         normal, across[:, least])
-    part = np.linalg.solve(whole + 1e-9 * np.trace(whole) * np.eye(len(known)), pull[least])
+    ridge = 1e-9 * np.trace(whole) + 1e-12  # a law may do nothing
+    part = np.linalg.solve(whole + ridge * np.eye(len(known)), pull[least])
     u = np.zeros(size)
     for value, i in zip(part, least):
         u += value * places[i]

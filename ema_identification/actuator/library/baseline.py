@@ -110,11 +110,13 @@ def changed_unit(
     """
     fits = [u.without_law() for u in accepted]
     own, day = np.mean([f.z for f in fits], axis=0), unit.library.of_day
-    unsure = np.zeros(len(own))
-    for u, fit in zip(accepted, fits):
+    found, k = np.empty((len(fits), len(own), len(own))), len(fits)
+    for covariance, u, fit in zip(found, accepted, fits):
         columns = u.whitener(0).columns(fit.slopes, u.values - fit.mean)
-        unsure += np.diag(np.linalg.inv(columns.T @ columns + PRIOR * np.eye(len(own))))
-    unsure /= len(accepted) ** 2
+        covariance[:] = np.linalg.inv(columns.T @ columns + PRIOR * np.eye(len(own)))
+    untold = found[:, :, ~day]  # of the same numbers in all fits: no mean makes that less
+    unsure = np.diagonal(found.sum(axis=0)) / k**2 + PRIOR * (
+        (untold.mean(axis=0) ** 2).sum(axis=1) - (untold**2).sum(axis=(0, 2)) / k**2)
     at = tuple(np.where(day, f.z, own) for f in fits)
     accepted = [replace(u, library=replace(u.library, left=None)) for u in accepted]
     before = np.mean([u.library.means(z[None], u.conditions)[0]
