@@ -199,10 +199,7 @@ class Models:
         return self._ordered(found)
 
     def compared(self, fits: Sequence[LawFit]) -> list[LawFit]:
-        """Return the fits, the next ones also begun beside the numbers that the best has found.
-
-        Other variants of the best law once: they are another way to the same name.
-        """
+        """Return the fits, the next also begun at the best one's numbers, variants of it once."""
         best, found = None, self._ordered(fits)
         for k in range(LARGEST_SET):
             if not found or found[0] is best:

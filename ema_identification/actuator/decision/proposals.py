@@ -117,11 +117,10 @@ def _largest_gain(
         return part[best] * places[best], float(gains[best])
     least = []
     for k in known:  # a vector: the parts together, each by its least size
-        own = [i for i, u in enumerate(places) if u[k] > 0.0]
-        least.append(min(own, key=lambda i: places[i][k]))
-    own_columns = columns[:, least]
-    whole = own_columns.T @ own_columns - across[:, least].T @ np.linalg.solve(
-        normal, across[:, least])
+        along = [i for i, u in enumerate(places) if u[k] > 0.0]
+        least.append(min(along, key=lambda i: places[i][k]))
+    own, others = columns[:, least], across[:, least]
+    whole = own.T @ own - others.T @ np.linalg.solve(normal, others)
     ridge = 1e-9 * np.trace(whole) + 1e-12  # a law may do nothing
     part = np.linalg.solve(whole + ridge * np.eye(len(known)), pull[least])
     u = np.zeros(size)

@@ -2,6 +2,7 @@
 
 import datetime as dt
 import gzip
+import re
 import struct
 import sys
 import zipfile
@@ -15,6 +16,7 @@ import pandas as pd
 import pytest
 
 from ema_record.errors import InvalidRecordError, UsageError
+from ema_rig import hdf5
 from ema_rig.guess import guess_map
 from ema_rig.import_file import import_file, read_table
 from ema_rig.map import TextFormat, map_from
@@ -70,9 +72,10 @@ def test_titles_units_dates_and_clocks_of_a_workbook(tmp_path):
     check(imported(path, time={"column": "t", "unit": "iso"}))
     path = workbook(tmp_path / "c.xlsx", rows([date.time() for date in dates]))
     check(imported(path, time={"column": "t", "unit": "h:m:s"}))
-    path = workbook(tmp_path / "d.xlsx", rows([dt.timedelta(hours=30, seconds=float(s))
-                                               for s in T]))
-    check(imported(path, time={"column": "t", "unit": "h:m:s"}))
+    for seconds in (30 * 3600.0, 24 * 3600.0 - 0.25):  # and from one day to the next
+        path = workbook(tmp_path / "d.xlsx", rows([dt.timedelta(seconds=seconds + float(s))
+                                                   for s in T]))
+        check(imported(path, time={"column": "t", "unit": "h:m:s"}))
 
 
 def test_the_sheet_with_numbers_is_found_or_named(tmp_path):
@@ -93,6 +96,30 @@ def test_a_cell_that_is_no_number_is_named_by_its_row(tmp_path):
         imported(workbook(tmp_path / "a.xlsx", changed))
 
 
+def test_what_a_cell_shows_is_read_whatever_it_holds(tmp_path):
+    """Truth values as numbers, the last result of a formula, a title of two lines."""
+    head = ("t", "i", "q", "a title\n of two lines", "f")
+    path = workbook(tmp_path / "a.xlsx", [[], [*head], *(
+        [a, b, c, bool(k % 3), f"=A{k + 3}*2"] for k, (a, b, c) in enumerate(
+            zip(T, CURRENT, Q)))])
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, re.sub(rb"</f><v ?/>|</f><v></v>", b"</f><v>0.5</v>", content))
+    check(imported(path))
+    found = read_table(path, TextFormat(), None).columns
+    assert found["a title of two lines"] == pytest.approx((np.arange(N) % 3 > 0).astype(float))
+    assert (found["f"] == 0.5).all()
+
+
+def test_a_workbook_is_unpacked_to_a_bound(tmp_path, monkeypatch):
+    path = workbook(tmp_path / "a.xlsx", rows())
+    monkeypatch.setattr("ema_rig.xlsx.MAX_TEXT_BYTES", 2000)
+    with pytest.raises(InvalidRecordError, match="bytes once unpacked, at most 2000"):
+        imported(path)
+
+
 def test_datasets_groups_fields_and_matrices_of_hdf5(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         group = file.create_group("run 1")
@@ -108,6 +135,84 @@ def test_datasets_groups_fields_and_matrices_of_hdf5(tmp_path):
     found = guess_map(tmp_path / "a.h5").data
     assert found["input"]["column"] == "run 1.i"  # one group, the one with a unit
     assert found["position"] == {"column": "run 1.q", "unit": "rad"}
+
+
+def test_groups_within_groups_are_listed_and_links_that_lead_nowhere_are_not(
+        tmp_path, monkeypatch):
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        group = file
+        for k in range(4):
+            group[f"x{k}"] = k + T
+            group = group.create_group("g")
+        file["lost"] = h5py.SoftLink("/nowhere")
+        file["x0"].attrs["unit"] = "rad"
+    found = read_table(path, TextFormat(), None)
+    assert list(found.columns) == ["x0", "g.x1", "g.g.x2", "g.g.g.x3"]
+    assert found.columns["g.g.x2"] == pytest.approx(2.0 + T)
+    assert found.units == {"x0": "rad"}
+    monkeypatch.setattr(hdf5, "MAX_DEPTH", 2)
+    assert list(read_table(path, TextFormat(), None).columns) == ["x0", "g.x1", "g.g.x2"]
+    monkeypatch.setattr(hdf5, "MAX_NAMES", 3)
+    with pytest.raises(InvalidRecordError, match="more than 3 datasets"):
+        read_table(path, TextFormat(), None)
+
+
+def test_only_what_is_needed_must_be_numbers(tmp_path):
+    """Of a name that begins another one nothing is read."""
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file["t2"], file["i2"], file["q2"] = T, CURRENT, Q
+        file["t"], file["q"] = "a bench", np.zeros((N, 2, 2))
+        file["i"], file["none"] = CURRENT * 1j, np.zeros((0, 3))
+    names = {"time": {"column": "t2", "unit": "s"}, "input": {"column": "i2", "unit": "A"}}
+    check(imported(path, **names, position={"column": "q2", "unit": "rad"}))
+    for name, match in (("q", "has 3 dimensions"), ("i", "dimensions of complex128"),
+                        ("none", "is empty"), ("t", "expected one or two of real numbers")):
+        with pytest.raises(InvalidRecordError, match=match):
+            imported(path, **names, position={"column": name, "unit": "rad"})
+
+
+def test_a_matrix_of_matlab_lies_the_other_way(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["all"] = np.array([T, CURRENT, Q])
+        file["all"].attrs["MATLAB_class"] = np.bytes_("double")
+    check(imported(tmp_path / "a.h5", time={"column": "all[0]", "unit": "s"},
+                   input={"column": "all[1]", "unit": "A"},
+                   position={"column": "all[2]", "unit": "rad"}))
+
+
+def test_rows_of_a_timetable_at_an_even_rate_or_step_begin_at_its_origin():
+    class Objects:
+        """Objects that stand for themselves."""
+
+        def read(self, stored):
+            return stored
+
+    def duration(*milliseconds):
+        return "duration", {"millis": np.array([milliseconds]).T}
+
+    at = {"origin": duration(5000.0), "specifiedAsRate": np.array([[1]]),
+          "sampleRate": np.array([[50.0]]), "stepSize": duration(250.0)}
+    assert hdf5._row_times(Objects(), at, 4) == pytest.approx([5.0, 5.02, 5.04, 5.06])
+    at["specifiedAsRate"] = np.array([[0]])
+    assert hdf5._row_times(Objects(), at, 3) == pytest.approx([5.0, 5.25, 5.5])
+    at["origin"] = "datetime", {"data": np.array([[1.7e12]])}
+    assert hdf5._row_times(Objects(), at, 3) == pytest.approx([0.0, 0.25, 0.5])
+    with pytest.raises(ValueError, match="rows every calendarDuration"):
+        hdf5._row_times(Objects(), {**at, "stepSize": ("calendarDuration", {})}, 3)
+
+
+def test_a_date_is_the_sum_of_two_numbers_to_less_than_a_microsecond():
+    """Milliseconds since 1970 alone hold a quarter of one."""
+    steps = np.array([0.0, 1e-4, 0.5, 3600.0])
+    stored = np.zeros((4, 1), dtype=[("real", "f8"), ("imag", "f8")])
+    stored["real"][:, 0] = 1.7e12 + 1e3 * np.round(steps)
+    stored["imag"][:, 0] = 0.125 + 1e3 * (steps - np.round(steps))
+    found = hdf5._seconds("datetime", {"data": stored})
+    assert found.ravel() == pytest.approx(steps, abs=1e-9)
+    one = hdf5._seconds("datetime", {"data": 1.7e12 + np.array([[0.0], [2000.0]])})
+    assert one.ravel() == pytest.approx([0.0, 2.0])
 
 
 @pytest.mark.parametrize(("table", "time"), [

@@ -15,6 +15,7 @@ from fleet_unit import (
     features_of,
     judged,
     p_of,
+    plain_library,
     run,
     two_days_of,
     unit,
@@ -30,7 +31,7 @@ from ema_identification.actuator.library import acceptance, baseline
 from ema_identification.actuator.library.baseline import changed_unit
 from ema_record.kit import LIBRARY
 
-pytestmark = pytest.mark.slow
+slow = pytest.mark.slow
 
 ROW = CONDITIONS.row()
 PAIRS = 300
@@ -65,6 +66,7 @@ def pair(ranked, seed, *, strange=0.0, **sizes):
     return changed_unit(second, [first], apart)
 
 
+@slow
 def test_what_both_records_have_is_no_change(ranked):
     """The absolute question calls it unknown; the difference does not hold it."""
     assert decide(unit(seed=3, strange=2.0)).verdict == "unknown effect"
@@ -72,9 +74,9 @@ def test_what_both_records_have_is_no_change(ranked):
     assert found.count("no disagreement") >= 11
 
 
-def test_what_a_kit_knows_of_its_type_is_in_both_records(ranked):
+def test_what_a_kit_knows_of_its_type_is_in_both_records():
     """Accepted records are fitted with the discrepancy; of the difference it is no part."""
-    library, apart = ranked
+    library, apart = plain_library(), 0.5
     z, later = two_days(6003)
     first, second = (fit.TestedUnit(library=library, values=values, conditions=CONDITIONS,
                                     simulator=run)
@@ -88,12 +90,14 @@ def test_what_a_kit_knows_of_its_type_is_in_both_records(ranked):
     assert np.allclose(*(u.run_all([((), np.zeros(SIZE))], 4) for u in (found, plain)))
 
 
+@slow
 def test_a_change_is_named_beside_what_both_have(ranked):
     found = decide(pair(ranked, 6001, strange=2.0, backlash=2.0))
     assert found.verdict == "explained"
     assert found.fit.names == ("backlash",)
 
 
+@slow
 def test_a_change_within_the_band_shows_beside_the_accepted_record_only(ranked):
     """A tolerance that moves through its band: one record alone takes it for another unit."""
     z, later = (np.where(np.arange(SIZE) == 2, end, day)
@@ -111,7 +115,7 @@ def test_a_change_within_the_band_shows_beside_the_accepted_record_only(ranked):
 def test_what_no_test_tells_from_the_unit_may_change_from_end_to_end():
     """A number of the day that does what one of the unit does (a gain, the motor constant)."""
     day, own = int(np.flatnonzero(OF_DAY)[0]), int(np.flatnonzero(~OF_DAY)[0])
-    plain = judged()
+    plain = plain_library()
     weights = plain.weights.copy()
     weights[1 + day] = weights[1 + own]
     library, costs = replace(plain, weights=weights), []
@@ -128,6 +132,7 @@ def test_what_no_test_tells_from_the_unit_may_change_from_end_to_end():
     assert np.mean(costs) < 1.2
 
 
+@slow
 def test_discrepancy_of_a_type_is_taken_off(tmp_path, monkeypatch):
     """Of twelve units that all leave the same, an acceptance record each."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
@@ -152,6 +157,7 @@ def test_discrepancy_of_a_type_is_taken_off(tmp_path, monkeypatch):
     assert np.array_equal(again.healthy, found.healthy)
 
 
+@slow
 def test_what_a_unit_of_a_type_works_out_is_not_kept_while_others_are_ranked(
         tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
@@ -170,7 +176,7 @@ def test_what_a_unit_of_a_type_works_out_is_not_kept_while_others_are_ranked(
     assert most == [1] * 5
 
 
-@pytest.mark.slow
+@slow
 def test_a_test_is_proposed_for_a_change_by_runs_of_the_unit_as_it_is(ranked, monkeypatch):
     """The accepted records are of another test, whose features are others."""
     changed = pair(ranked, 5, backlash=2.0)
@@ -194,10 +200,11 @@ def test_a_kit_without_acceptance_records_has_no_discrepancy(tmp_path, monkeypat
     monkeypatch.setattr(acceptance, "kit_path", lambda name: tmp_path / name)
     monkeypatch.setattr(acceptance, "_name", lambda _map: "acceptance_of_this_test")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    library = judged()
+    library = plain_library()
     assert LIBRARY and acceptance.with_acceptance(library) is library
 
 
+@slow
 def test_gap_on_a_held_out_record_is_ranked_among_healthy_units(tmp_path, monkeypatch):
     """Their gaps are kept; a unit whose held-out record has an effect is beyond them."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

@@ -13,6 +13,8 @@ from ema_record.profile import Profile
 from ema_sim.effects import parse_effects
 from ema_sim.plant import state as st
 from ema_sim.plant.kernel import MAX_STEP
+from ema_sim.plant.mechanics import load_at, shaft_torque
+from ema_sim.plant.prepared import masses_of
 from ema_sim.simulate import simulate, simulate_traced
 from support.actuators import both_machines, changed
 from support.plant import run, state_of
@@ -183,3 +185,53 @@ def test_a_shaft_wound_by_less_than_friction_stays_wound_until_the_drive_moves_i
         ahead = (angle - angle[0]) / a.gear.ratio - record.channel("surface_position") + start[0]
         lags.append(float(ahead[late].mean()))
     assert lags[0] - lags[1] == pytest.approx(twist, abs=2e-5)
+
+
+@pytest.mark.parametrize("damping", [0.0, 50.0])
+def test_contact_in_the_lost_motion_only_pushes(damping):
+    """However fast the sides part; within the lost motion there is none."""
+    for twist in np.linspace(-2e-3, 2e-3, 41):
+        for rate in (-100.0, -0.1, 0.0, 0.1, 100.0):
+            torque = shaft_torque(twist, rate, 1e5, damping, 1e-3)
+            assert torque * twist >= 0.0
+            assert torque == 0.0 or abs(twist) > 5e-4
+    assert shaft_torque(1e-3, 0.1, 1e5, damping, 1e-3) == pytest.approx(50.0 + 0.1 * damping)
+    assert shaft_torque(-1e-3, -0.1, 1e5, damping, 1e-3) == pytest.approx(-50.0 - 0.1 * damping)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_gear_takes_its_share_of_the_power_whichever_way_it_flows(side):
+    a = changed()
+    a = a._replace(gear=a.gear._replace(efficiency=0.8))
+    e = parse_effects([])
+    twist = side * (1e-3 + 0.5 * a.shaft.backlash)
+    for w_m, share in ((side, 1.25), (-side, 0.8)):  # the motor drives, or is driven
+        load = load_at(a, e, masses_of(a, e), 0.0, 0.3, -twist, w_m, w_m / a.gear.ratio)
+        assert load.shaft == pytest.approx(1e-3 * side * a.shaft.stiffness)
+        assert load.motor * w_m == pytest.approx(share * load.shaft * w_m / a.gear.ratio)
+
+
+def test_a_mesh_that_turns_the_surface_as_it_turns_itself_does_not_damp_it():
+    """The rate of the twist is that of the gear's output, ripple and all."""
+    a = changed()
+    e = parse_effects(["gear_mesh_ripple.amplitude=1e-3", "gear_mesh_ripple.periods=12"])
+    m, step, w_m, twist = masses_of(a, e), 1e-6, 300.0, 1e-3 + 0.5 * a.shaft.backlash
+    for angle in (0.3, 1.1, 2.7):
+        begin, still, end = (load_at(a, e, m, way, angle + way, -twist, 0.0, 0.0)
+                             for way in (-step, 0.0, step))
+        assert (end.shaft - begin.shaft) / (2.0 * step) == pytest.approx(
+            still.slope * a.shaft.stiffness, rel=1e-5)
+        assert abs(still.slope * a.gear.ratio - 1.0) > 0.1
+        moved = load_at(a, e, m, 0.0, angle, -twist, w_m, w_m * still.slope)
+        assert moved.shaft == pytest.approx(still.shaft, rel=1e-12)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_surface_that_meets_its_end_stop_stays_there(side):
+    a = changed(shaft=FREE)
+    stop = a.surface.end_stop
+    start = state_of(a, theta_s=side * (stop - 1e-4), omega_s=side * 1.0,
+                     theta_m=side * stop * a.gear.ratio)
+    found = run(a, start, 1e-3)
+    assert found.state[st.THETA_S] == side * stop
+    assert found.state[st.OMEGA_S] == 0.0

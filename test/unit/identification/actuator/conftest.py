@@ -1,0 +1,1 @@
+"""Tests of the folders below find `fleet_unit` here."""
