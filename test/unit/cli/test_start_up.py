@@ -53,7 +53,8 @@ def test_interrupted_while_modules_are_loaded_is_one_line(monkeypatch, capsys):
 def test_a_signal_while_modules_are_loaded_is_one_line_with_its_status(
     number, line, module
 ):
-    code = ("import os, sys\nclass Finder:\n    def find_spec(self, name, *_):\n"
+    code = ("import os, signal, sys\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+            "class Finder:\n    def find_spec(self, name, *_):\n"
             f"        if name == MODULE: os.kill(os.getpid(), {int(number)})\n"
             "sys.meta_path.insert(0, Finder())\nfrom ema_cli.__main__ import main\n"
             "sys.argv[1:] = ['effects']\nmain()").replace("MODULE", repr(module))

@@ -17,6 +17,10 @@ from ema_cli.commands.completion import follow
 from ema_cli.lines import TextLine, print_lines, print_rows
 from ema_cli.main import COMMANDS, run
 
+HEARD = ("import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+         "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n")
+"""What a process begins with that is to hear signals, though the tests run after ``nohup``."""
+
 
 def shown(width, draw, *arguments):
     text = io.StringIO()
@@ -190,7 +194,7 @@ def test_sigterm_ends_quietly_with_its_own_status():
 def test_ctrl_c_in_code_made_of_text_has_its_status_too(tmp_path):
     """Python's ``-m`` ended by SIGINT where it met the making of a dataclass."""
     (tmp_path / "made.py").write_text(
-        "from ema_cli import ending\nending.end_quietly()\n"
+        f"{HEARD}from ema_cli import ending\nending.end_quietly()\n"
         "code = 'import os, signal; os.kill(os.getpid(), signal.SIGINT); signal.pause()'\n"
         "ending.leave(ending.guarded(lambda: exec(code)))")
     done = subprocess.run([sys.executable, "-m", "made"], capture_output=True, text=True,
@@ -203,7 +207,7 @@ def test_ctrl_c_in_code_made_of_text_has_its_status_too(tmp_path):
     (signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated"),
     (signal.SIGHUP, "interrupted")])
 def test_a_signal_is_held_back_until_it_is_asked_for(number, line):
-    code = ("import os, signal, sys\nfrom ema_cli import ending\nending.end_quietly()\n"
+    code = (f"{HEARD}import os, sys\nfrom ema_cli import ending\nending.end_quietly()\n"
             "def work():\n    with ending.held_signals() as check:\n"
             "        check()\n"
             f"        os.kill(os.getpid(), {int(number)})\n        print('whole', flush=True)\n"
