@@ -37,9 +37,6 @@ from ema_sim.effects.base import Quantity
 QUANTILE = 1.645
 """Of the normal distribution, for an interval of 90 %."""
 DRAWS = 400
-CONFORMAL = 0.87
-"""Of the deviation: nine in ten of 173 numbers of laws of panels 79 to 82 were within (split
-conformal: Lei et al. 2018)."""
 
 
 def candidates_of(unit: TestedUnit, answer: FleetAnswer) -> tuple[Candidate, ...]:
@@ -65,7 +62,7 @@ def parameters_of(
     term = fit.terms[index]
     part = slice(begin, begin + term.variant.size)
     draws = np.random.default_rng(0).multivariate_normal(
-        known.mean[part], CONFORMAL**2 * known.covariance[part, part], size=DRAWS)
+        known.mean[part], known.covariance[part, part], size=DRAWS)
     draws = np.clip(draws, term.variant.low, term.variant.high)
     kinds = {f.name: f.kind for f in EFFECTS[term.variant.effect].fields}
     found = []

@@ -108,7 +108,6 @@ def _largest_gain(
     signature: Signature, places: Sequence[np.ndarray], pull: np.ndarray, square: np.ndarray,
     columns: np.ndarray, across: np.ndarray, normal: np.ndarray,
 ) -> tuple[np.ndarray, float]:
-    size = signature.variant.size
     known = [k for k, levels in enumerate(signature.levels) if len(levels) > 1]
     if len(known) == 1:  # along the curve: a part of each size, at most twice it
         part = np.clip(pull / square, 0.0, 2.0)
@@ -123,10 +122,8 @@ def _largest_gain(
     whole = own.T @ own - others.T @ np.linalg.solve(normal, others)
     ridge = 1e-9 * np.trace(whole) + 1e-12  # a law may do nothing
     part = np.linalg.solve(whole + ridge * np.eye(len(known)), pull[least])
-    u = np.zeros(size)
-    for value, i in zip(part, least):
-        u += value * places[i]
-    u = np.clip(u, signature.variant.low, signature.variant.high)
+    u = np.clip(np.sum([value * places[i] for value, i in zip(part, least)], axis=0),
+                signature.variant.low, signature.variant.high)
     return u, float(max(part @ pull[least], 0.0))
 
 

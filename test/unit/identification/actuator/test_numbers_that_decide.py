@@ -6,17 +6,16 @@ import pytest
 
 from ema_identification.actuator.decision.decide import EDGE, MOST
 from ema_identification.actuator.decision.fit import LAW_ERROR
-from ema_identification.actuator.decision.intervals import RUNS, WIDER
+from ema_identification.actuator.decision.intervals import RUNS, STRETCH, WIDER
 from ema_identification.actuator.decision.models import LARGEST_SET
 from ema_identification.actuator.decision.ranks import LEVEL
 from ema_identification.actuator.fleet.surrogate import BEND, SETTLED_RUNS, WORST
 from ema_identification.actuator.fleet.units import FULL
 from ema_identification.actuator.laws.terms import SURE
-from ema_identification.actuator.words import CONFORMAL
 
 IN_WORDS = {"a tenth": 0.1, "three quarters": 0.75}
 CODE = (LEVEL, SURE, LARGEST_SET, BEND, LAW_ERROR, WORST, FULL.units, FULL.repeated, FULL.scaled,
-        SETTLED_RUNS, RUNS, WIDER, CONFORMAL, EDGE, MOST)
+        SETTLED_RUNS, RUNS, WIDER, STRETCH, EDGE, MOST)
 SOURCES = ("requirement", "statistic", "budget", "choice: ")
 
 
