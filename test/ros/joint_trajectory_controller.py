@@ -10,16 +10,11 @@ read out after the move: into the file of the parameter ``buffer``.
 
 from __future__ import annotations
 
-import signal
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
@@ -126,16 +121,9 @@ class Controller(Node):
 
 def main() -> None:
     """Run the controller until the process is ended."""
-    asked = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: asked.append(number))
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    executor = SingleThreadedExecutor()
-    executor.add_node(Controller())
-    while not asked:
-        executor.spin_once(timeout_sec=0.1)
-    executor.shutdown()
-    rclpy.shutdown()
+    from hardware import run  # of the examples
+
+    run(Controller)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ def process(repository, path, **parameters):
     """Run a Python file as a node in the namespace of its actuator; yield it."""
     settings = [item for name, value in parameters.items()
                 for item in ("-p", f"{name}:={json.dumps(value)}")]
-    python = f"{repository}{os.pathsep}{repository / 'test'}"
+    python = os.pathsep.join(str(repository / name) for name in ("", "test", "examples"))
     started = subprocess.Popen(
         [sys.executable, repository / path, "--ros-args", "-r", f"__ns:=/{NAME}", *settings],
         stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": python},

@@ -116,3 +116,15 @@ def unit(*, seed=1, strange=0.0, library=None, z=None, **sizes):
     values = features_of(z, effects_of(**sizes)) + rng.normal(size=FEATURES) + strange * STRANGE
     return TestedUnit(library=judged() if library is None else library, values=values,
                       conditions=CONDITIONS, seed=seed, simulator=run)
+
+
+def day_beside_unit():
+    """Return a library of a test that tells one number of the day from none of the unit, and both.
+
+    As a gain of the current sensors and the motor constant.
+    """
+    day, own = int(np.flatnonzero(OF_DAY)[0]), int(np.flatnonzero(~OF_DAY)[0])
+    plain = plain_library()
+    weights = plain.weights.copy()
+    weights[1 + day] = weights[1 + own]
+    return replace(plain, weights=weights), day, own

@@ -11,6 +11,7 @@ from fleet_unit import (
     OF_DAY,
     SIZE,
     STRANGE,
+    day_beside_unit,
     effects_of,
     features_of,
     judged,
@@ -114,18 +115,14 @@ def test_a_change_within_the_band_shows_beside_the_accepted_record_only(ranked):
 
 def test_what_no_test_tells_from_the_unit_may_change_from_end_to_end():
     """A number of the day that does what one of the unit does (a gain, the motor constant)."""
-    day, own = int(np.flatnonzero(OF_DAY)[0]), int(np.flatnonzero(~OF_DAY)[0])
-    plain = plain_library()
-    weights = plain.weights.copy()
-    weights[1 + day] = weights[1 + own]
-    library, costs = replace(plain, weights=weights), []
+    (library, day, _), costs = day_beside_unit(), []
     for seed in range(6):
         rng = np.random.default_rng([seed, 55])
         records = []
         for end in (-0.95, 0.95):
             z = np.where(OF_DAY, rng.uniform(-1.0, 1.0, SIZE), 0.3)
             z[day] = end
-            values = weights[0] + weights[1:SIZE + 1].T @ z + rng.normal(size=len(STRANGE))
+            values = library.means(z[None], CONDITIONS)[0] + rng.normal(size=len(STRANGE))
             records.append(fit.TestedUnit(library=library, values=values, conditions=CONDITIONS))
         changed = changed_unit(records[1], records[:1], 0.0)
         costs.append(changed.without_law().cost / changed.size)

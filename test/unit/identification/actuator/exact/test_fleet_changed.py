@@ -13,6 +13,7 @@ from fleet_unit import (
     SIZE,
     STRANGE,
     TOLD,
+    day_beside_unit,
     features_of,
     plain_library,
     two_days_of,
@@ -113,17 +114,13 @@ def test_accepted_records_tell_a_unit_as_surely_as_is_said(accepted):
 
     What no record tells at all stays as unsure as it was, however many were accepted.
     """
-    day, own = int(np.flatnonzero(OF_DAY)[0]), int(np.flatnonzero(~OF_DAY)[0])
-    plain = plain_library()
-    weights = plain.weights.copy()
-    weights[1 + day] = weights[1 + own]
-    library, squares = replace(plain, weights=weights), []
+    (library, day, own), squares = day_beside_unit(), []
     for seed in range(8):
         rng = np.random.default_rng([seed, 56])
         z = rng.uniform(-1.0, 1.0, SIZE)
         records = [fit.TestedUnit(
             library=library, conditions=CONDITIONS,
-            values=weights[0] + weights[1:SIZE + 1].T @ np.where(
+            values=library.weights[0] + library.weights[1:SIZE + 1].T @ np.where(
                 OF_DAY, rng.uniform(-1.0, 1.0, SIZE), z) + rng.normal(size=FEATURES))
             for _ in range(1 + accepted)]
         changed = changed_unit(records[0], records[1:], 0.0)
