@@ -28,8 +28,6 @@ these, of what the one before leaves: with so few runs, slopes over twice it dro
 LAW_SPREAD, FAR = 1.0 / WIDER, 10.0
 """Spread of the first round about a law, so that it is wide by the law's own size; in itself where
 the library does not know the coordinate. Beyond so many of it the law is not expected."""
-STRETCH = 1.13
-"""Nine in ten of 316 values of panels 23 to 27 were within (split conformal: Lei et al. 2018)."""
 SOLUTIONS, BEYOND = 4, 1.645
 """Steps in which what is far off loses weight; deviations from which information is no noise."""
 
@@ -51,8 +49,7 @@ def measured(unit: TestedUnit, fit: LawFit) -> tuple[Posterior, np.ndarray]:
     rounds = list(islice(linearised(unit, fit), INTERVAL_ROUNDS))
     if not rounds:  # beside what the simulator can do
         return posterior_of(unit, fit), fit.slopes
-    known = rounds[-1].known
-    return known._replace(covariance=STRETCH**2 * known.covariance), rounds[-1].slopes
+    return rounds[-1].known, rounds[-1].slopes
 
 
 def p_sizes(known: Posterior, fit: LawFit) -> tuple[float, ...]:

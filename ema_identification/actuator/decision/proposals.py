@@ -188,10 +188,11 @@ def scores(unit: TestedUnit) -> Scores:
 
 def scores_of(unit: TestedUnit, fit: LawFit, gains: Sequence[LawProposal]) -> Scores:
     """Return the scores of a fit without a law, of which `gains` are those of laws."""
-    rest = (unit.values - fit.mean) / np.sqrt(np.diag(unit.covariance(fit.runs)))
+    deviation = np.sqrt(np.diag(unit.covariance(fit.runs)))
     gain = gain_of(fit.cost, gains[0].cost, unit.size) if gains else 0.0
-    ripple = max(ripple_power(unit, rest).values(), default=0.0)
-    return Scores(fit.cost / unit.size, gain, worst([rest])[0], ripple)
+    ripple = max(ripple_left(unit, fit, deviation).values(), default=0.0)
+    return Scores(
+        fit.cost / unit.size, gain, worst([(unit.values - fit.mean) / deviation])[0], ripple)
 
 
 def gain_of(cost: float, lower: float, size: int) -> float:
@@ -221,18 +222,24 @@ def ripple_power(unit: TestedUnit, rest: np.ndarray) -> dict[int, float]:
     return {periods: float(np.mean(of)) for periods, of in power.items()}
 
 
+def ripple_left(unit: TestedUnit, fit: LawFit, deviation: np.ndarray) -> dict[int, float]:
+    """Return the lesser `ripple_power` of those that a fit leaves on its runs and on the library.
+
+    A few runs that ring have lines of their own. `deviation` : of what the runs leave, shape (d,).
+    """
+    power, known = (ripple_power(unit, (unit.values - mean) / scale) for mean, scale in (
+        (fit.mean, deviation), (unit.known(fit.terms, fit.z), unit.whitener(0).deviation)))
+    return {periods: min(of, known[periods]) for periods, of in power.items()}
+
+
 def ripples(
     unit: TestedUnit, fit: LawFit, white: Whitener, without: Sequence[str]
 ) -> list[LawProposal]:
-    """Return ripple at the order whose torque lines are off most, signatures simulated.
-
-    Off on runs and on the library: a few runs that ring have lines of their own.
-    """
-    power, known = (ripple_power(unit, (unit.values - mean) / scale.deviation) for mean, scale in (
-        (fit.mean, white), (unit.known(fit.terms, fit.z), unit.whitener(0))))
+    """Return ripple at the order whose torque lines are off most, signatures simulated."""
+    power = ripple_left(unit, fit, white.deviation)
     if not power:
         return []
-    periods = max(power, key=lambda k: min(power[k], known[k]))
+    periods = max(power, key=power.__getitem__)
     a, found = unit.library.model.actuator, []
     for effect, level in (
             ("cogging_torque", COGGING * a.motor.dynamic_friction),

@@ -151,6 +151,22 @@ def test_ripple_is_by_periods_of_the_rotor_whichever_turn_a_line_is_of():
     assert found == {12: 12.5, 3: 100.0}
 
 
+@pytest.mark.parametrize(("in_record", "counts"), [(0.0, 0.0), (4.0, 16.0), (50.0, 49.0)])
+def test_lines_that_ring_in_the_runs_alone_are_no_score(in_record, counts):
+    """Of a record that has them the lesser counts, of its ten deviations at most."""
+    names = [f"slew.turn_torque_line_12_{k}" for k in range(16)]
+    library = plain_library()
+    features = [*(SimpleNamespace(name=name) for name in names), *library.fmap.features[16:]]
+    library = replace(library, fmap=replace(library.fmap, features=tuple(features)))
+    rings = np.where(np.arange(FEATURES) < 16, 1.0, 0.0)
+    unit = fit.TestedUnit(library=library, values=BASE + in_record * rings, conditions=CONDITIONS)
+    none = replace(unit.without_law(), z=np.zeros(SIZE), runs=8)
+    runs_off = 7.0 * np.sqrt(unit.covariance(8)[0, 0])
+    none = replace(none, mean=unit.values - runs_off * rings)
+    assert proposals.scores_of(unit, none, []).ripple == pytest.approx(counts)
+    assert proposals.scores_of(unit, replace(none, mean=unit.values), []).ripple == 0.0
+
+
 @pytest.mark.parametrize("effect", ["cogging_torque", "gear_mesh_ripple"])
 def test_ripple_is_looked_for_where_the_lines_are_off_on_runs_and_on_the_library(effect):
     """Twelve a turn here; lines of 24 ring in the runs only. Found as it is, by runs of it."""
