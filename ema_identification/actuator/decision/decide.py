@@ -20,8 +20,9 @@
    The answer is the smallest set of names with `SURE` of the evidence, the simplest model in it;
    more than `LARGEST_SET`, or no model that explains, is unknown.
 4. What is named is measured anew, by runs over all that it may be (`intervals`). A model with a
-   law whose size is not told from none there is no answer: the next one is. It is also told by a
-   fit without the law that, begun where the model's is and fitted as hard, does not explain.
+   law whose size is not told from none there is no answer, unless no fit without the law, begun
+   where the model's is and fitted as hard, explains. Nor is a model of other laws then: none is
+   needed. Of two laws the other one may be.
 5. Held-out records judge: names that do not lower their gap, or leave it large and close less
    than most of it (`MOST`), are contradicted, and there is no silence where it is large: laws are
    tried then too. What is named on a usual record must add to nothing (1), or close most of a gap
@@ -31,7 +32,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -168,9 +169,8 @@ def _silence(answer: FleetAnswer, held: LawJudge | None, fits: Sequence[LawFit],
     return None
 
 
-def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit],
-           unnamed: Collection[tuple[str, ...]] = ()) -> FleetAnswer:
-    """Return the answer with the names that the evidence leaves; `unnamed` : are no answer."""
+def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit]) -> FleetAnswer:
+    """Return the answer with the names that the evidence leaves."""
     tested: list[tuple[LawFit, tuple[float, ...], tuple[LawFit, ...]]] = [
         (fit, (case.p_own(fit, case.nothing),), (case.null,))
         for fit in explaining if len(fit.terms) == 1]
@@ -179,7 +179,7 @@ def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit],
         tested.append((pair, tuple(case.p_own(pair, f.cost) for f in less), less))
         tested += [(f, (case.p_own(f, case.nothing),), (case.null,))
                    for f in less if case.explains(f)]
-    good = [row for row in tested if max(row[1]) <= LEVEL and row[0].variants not in unnamed]
+    good = [row for row in tested if max(row[1]) <= LEVEL]
     more = [set(fit.names) for fit, *_ in good if len(fit.terms) > 1]
     good = [row for row in good if not any(set(row[0].names) < names for names in more)]
     if not good:
@@ -211,22 +211,22 @@ def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit],
 def _measured(case: Models, beyond: Models, answer: FleetAnswer, explaining: list[LawFit]
               ) -> FleetAnswer:
     """Return the answer measured, of models in which the size of each law is told from none."""
-    unnamed: list[tuple[str, ...]] = []
+    unnamed: list[str] = []
     while answer.fit is not None:
         fit = answer.fit
         of, out = (case, ()) if _edge(case, fit) == 1.0 else (beyond, (OUT,))
         known, best = of.remeasured(fit)
         if of.needs(fit, p_sizes(known, fit), answer.alone):
             return replace(answer, known=known, fit=best, reasons=(*out, *answer.reasons))
-        unnamed.append(fit.variants)
+        unnamed.append(" and ".join(fit.variants))
+        explaining = [f for f in (*explaining, *answer.alone)
+                      if case.explains(f) and set(f.names) < set(fit.names)]
         answer = FleetAnswer(
             verdict="unknown effect", null=answer.null, p_nothing=answer.p_nothing,
-            fits=answer.fits, reasons=(
-                f"less is left with {', or '.join(map(' and '.join, unnamed))}, "
-                "but no size of it is told from none",))
-        if len(unnamed) < LARGEST_SET:
-            again = _named(case, answer, explaining, unnamed)
-            answer = again if again.fit is not None else answer
+            fits=answer.fits, reasons=(f"less is left with {', or '.join(unnamed)}, "
+                                       "but no size of it is told from none",))
+        again = _named(case, answer, explaining)
+        answer = again if again.fit is not None else answer
     return answer
 
 

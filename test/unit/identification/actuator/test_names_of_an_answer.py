@@ -4,26 +4,36 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from ema_identification.actuator.decision import decide
 from ema_identification.actuator.decision.answer import FleetAnswer, instead_of, order_of
 from ema_identification.actuator.decision.decide import _named
 
 
 def model(log: float, *names: str) -> SimpleNamespace:
-    return SimpleNamespace(names=names, variants=names, terms=names, log=log, cost=100.0 - log)
+    return SimpleNamespace(
+        names=names, variants=names, terms=names, log=log, cost=100.0 - log, z=np.zeros(1))
 
 
 NULL = model(-50.0)
 
 
-def answered(*explaining: SimpleNamespace, alone: tuple[SimpleNamespace, ...] = (),
-             useless: tuple[str, ...] = ()) -> FleetAnswer:
-    case = SimpleNamespace(
+def case_of(alone: tuple[SimpleNamespace, ...], useless: tuple[str, ...] = (), untold: str = ""
+            ) -> SimpleNamespace:
+    return SimpleNamespace(
         nothing=NULL.cost, null=NULL, evidence=lambda f: f.log, explains=lambda f: f.log > -10.0,
         p_own=lambda f, less: 0.5 if useless and less == alone[0].cost else 0.0,
-        each_alone=lambda *_: list(alone))
-    return _named(case, FleetAnswer(verdict="unknown effect", null=NULL), list(explaining))
+        each_alone=lambda *_: list(alone), unit=SimpleNamespace(edge=1.0),
+        remeasured=lambda fit: (None, fit),
+        needs=lambda fit, sizes, alone: not set(untold) & set(fit.names))
+
+
+def answered(*explaining: SimpleNamespace, alone: tuple[SimpleNamespace, ...] = (),
+             useless: tuple[str, ...] = ()) -> FleetAnswer:
+    return _named(case_of(alone, useless), FleetAnswer(verdict="unknown effect", null=NULL),
+                  list(explaining))
 
 
 @pytest.mark.parametrize(("logs", "others"), [
@@ -61,6 +71,28 @@ def test_a_law_that_gets_a_second_is_no_answer_alone():
     pair, alone = model(0.0, "a", "b"), (model(2.0, "a"), model(-40.0, "b"))
     found = answered(alone[0], pair, alone=alone)
     assert found.fit is pair and found.equivalent == ((), ())
+
+
+@pytest.mark.parametrize(("untold", "named", "said"), [
+    ("", ("a", "b"), ""), ("b", ("a",), "with a and b, but"), ("ab", None, "a and b, or a, but")])
+def test_of_two_of_which_one_has_no_size_the_other_may_be_named(untold, named, said, monkeypatch):
+    """Not a third: it is not needed, though it has a size."""
+    monkeypatch.setattr(decide, "p_sizes", lambda *_: ())
+    pair, alone = model(0.0, "a", "b"), (model(-5.0, "a"), model(-40.0, "b"))
+    laws, case = [pair, model(-6.0, "c")], case_of(alone, untold=untold)
+    found = decide._measured(case, case, answered(*laws, alone=alone), laws)
+    assert (None if found.fit is None else found.fit.names) == named
+    assert (found.verdict == "explained") is (named is not None)
+    assert said in " ".join(found.reasons)
+
+
+def test_where_a_law_has_no_size_no_other_one_is_named(monkeypatch):
+    """What is left without any law is usual there."""
+    monkeypatch.setattr(decide, "p_sizes", lambda *_: ())
+    laws, case = [model(0.0, "a"), model(-6.0, "c")], case_of((), untold="a")
+    found = decide._measured(case, case, answered(*laws), laws)
+    assert (found.verdict, found.fit) == ("unknown effect", None)
+    assert found.reasons == ("less is left with a, but no size of it is told from none",)
 
 
 def test_a_name_stands_in_the_place_of_another_if_all_else_is_equal():
