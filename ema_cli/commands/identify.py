@@ -81,7 +81,7 @@ def identify(
     Exit status: 0 no disagreement or explained, 3 partly explained, unknown or contradicted by the
     held-out records, 2 wrong use or data that cannot be used.
 
-    Example: `ema identify bags/sim_0004_extended --validate bags/sim_0004_step --out report`
+    Example: `ema identify bags/sim_0004_extended --out report`
     """
     from ema_identification.identify import identify as run
     from ema_identification.report.write import write_answer, write_page
